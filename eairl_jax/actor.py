@@ -1,0 +1,78 @@
+"""What RL and IRL share: a policy that acts in its environments behind one observation normaliser."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from eairl_jax import normalize, rollout
+from eairl_jax.config import Config
+from eairl_jax.gaussian import Gaussian
+from eairl_jax.types import Env, Key, PolicyOptimizer, PyTree, Transition
+
+
+
+@struct.dataclass
+class Actor:
+    """A policy, its environments and its normaliser: what every algorithm's state holds.
+
+    Attributes:
+      iteration: `[]` iterations done.
+      rollout: the environments.
+      obs_stats: the normaliser, frozen within an iteration, the same for s and s' and for every network.
+      policy: pi and its value function, the policy optimiser's own state.
+    """
+
+    iteration: jax.Array
+    rollout: rollout.RolloutState
+    obs_stats: normalize.ObsStats
+    policy: PyTree
+
+
+def init(key: Key, env: Env, optimizer: PolicyOptimizer, config: Config) -> Actor:
+    """A fresh policy at the start of fresh episodes."""
+    env_key, policy_key = jax.random.split(key)
+    environments = rollout.reset(env_key, env, config.num_envs)
+    stats = normalize.initial(env, config.normalize_obs)
+    return Actor(jnp.zeros((), jnp.int32), environments, stats, optimizer.init(policy_key))
+
+
+def distribution(actor: Actor, obs: jax.Array, optimizer: PolicyOptimizer) -> Gaussian:
+    """pi(.|s) for raw observations `[..., obs]`."""
+    return optimizer.distribution(actor.policy, normalize.normalize(actor.obs_stats, obs))
+
+
+def collect(key: Key, actor: Actor, env: Env, optimizer: PolicyOptimizer, config: Config) -> tuple[Actor, Transition]:
+    """tau ~ pi: one iteration's raw transitions `[T, N, ...]`."""
+    environments, raw = rollout.rollout(
+        key,
+        env,
+        lambda obs: distribution(actor, obs, optimizer),
+        actor.rollout,
+        config.rollout_length,
+        config.episode_length,
+    )
+    return actor.replace(rollout=environments), raw  # pyright: ignore
+
+
+def normalized(actor: Actor, x: Any) -> Any:
+    """The same samples with s and s' normalised."""
+    return x._replace(
+        obs=normalize.normalize(actor.obs_stats, x.obs), next_obs=normalize.normalize(actor.obs_stats, x.next_obs)
+    )
+
+
+def finish(actor: Actor, policy: PyTree, raw: Transition, config: Config) -> Actor:
+    """Ends an iteration: the new policy, and the normaliser moved on if it is a running one."""
+    running = config.normalize_obs == "running"
+    stats = normalize.update(actor.obs_stats, raw.obs) if running else actor.obs_stats
+    return Actor(actor.iteration + 1, actor.rollout, stats, policy)
+
+
+def sample(actor: Actor, obs: jax.Array, key: Key | None, optimizer: PolicyOptimizer) -> jax.Array:
+    """An action `[..., act]` for raw observations; the mean action if key is None."""
+    pi = distribution(actor, obs, optimizer)
+    return pi.mean if key is None else pi.sample(jax.random.normal(key, pi.mean.shape))

@@ -1,0 +1,116 @@
+"""Everything about a run that is not a float: sizes, counts and names. Hashable, checked when made."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from eairl_jax.errors import InputError
+
+
+@dataclass(frozen=True)
+class Config:
+    """The static settings of a run; the floats are in `HParams`.
+
+    Raises `InputError` when a value is impossible or two values do not fit together.
+    """
+
+    # One iteration collects num_envs x rollout_length environment steps.
+    num_envs: int = 32
+    rollout_length: int = 100
+    episode_length: int = 100
+    """Time limit of an episode, in environment steps."""
+    iterations: int = 100
+    """Length of the whole run: annealed rates end here."""
+
+    # Networks. The paper: two hidden layers of 32 ReLU units everywhere (Appendix D.1).
+    hidden: tuple[int, ...] = (32, 32)
+    """Reward, discriminator and potentials."""
+    policy_hidden: tuple[int, ...] = (32, 32)
+    """Policy and inverse model."""
+    value_hidden: tuple[int, ...] = (64, 64)
+    activation: str = "relu"
+    state_dependent_std: bool = False
+    """Whether the stds of the policy and of the inverse model depend on their inputs."""
+    log_std_init: float = -0.5
+    log_std_min: float = -5.0
+    log_std_max: float = 0.5
+    normalize_obs: str = "task"
+    """"task": the scale that the environment declares for its whole state space (identity if it declares none);
+    "running": mean and variance of what the policy has seen; "none": raw observations."""
+
+    # PPO
+    ppo_epochs: int = 4
+    ppo_minibatches: int = 4
+
+    # The adversary
+    method: str = "eairl"
+    """A row of `methods.METHODS`."""
+    reward_form: str = "default"
+    """"sa": g(s,a); "s": g(s); "separable": g(s) + k(a); "default": the method's own."""
+    shaping: str = "default"
+    """Potential-based shaping of f: "empowerment" (Phi), "learned" (AIRL's h), "both", "none"; "default": the
+    method's own."""
+    history_length: int = 20
+    """Iterations whose samples the discriminator sees beside the current ones."""
+    discriminator_updates: int = 10
+    discriminator_batch: int = 512
+    """Samples of the expert in an update, and as many of the policy."""
+
+    # Empowerment
+    empowerment_updates: int = 10
+    """Of the inverse model, and as many of Phi."""
+    empowerment_batch: int = 512
+    phi_sync_interval: int = 5
+    """Iterations between copies of Phi into Phi' (Appendix D.2: 5 to learn a reward, 2 to imitate)."""
+    l_i_power: int = 2
+    """p of Eq. 7: 1 absolute, 2 squared."""
+    inverse_loss: str = "likelihood"
+    """Of q: "likelihood" (section 2.3) or "mse" (Eq. 8: the mean alone; the std stays as it began)."""
+
+    @property
+    def steps_per_iteration(self) -> int:
+        """Environment steps in one iteration."""
+        return self.num_envs * self.rollout_length
+
+    def __post_init__(self):
+        for name in ("num_envs", "rollout_length", "episode_length", "iterations", "ppo_epochs", "ppo_minibatches",
+                     "discriminator_updates", "discriminator_batch", "empowerment_updates", "empowerment_batch",
+                     "phi_sync_interval"):  # fmt: skip
+            if getattr(self, name) < 1:
+                raise InputError(f"{name} = {getattr(self, name)}: expected at least 1")
+        if self.history_length < 0:
+            raise InputError(f"history_length = {self.history_length}: expected 0 or more iterations")
+        if self.steps_per_iteration % self.ppo_minibatches:
+            raise InputError(
+                f"ppo_minibatches = {self.ppo_minibatches} does not divide num_envs x rollout_length = {self.num_envs} x "
+                f"{self.rollout_length} = {self.steps_per_iteration} steps: choose a divisor of {self.steps_per_iteration}"
+            )
+        if not self.log_std_min < self.log_std_init < self.log_std_max:
+            raise InputError(
+                f"log_std_init = {self.log_std_init} must lie between log_std_min = {self.log_std_min} and "
+                f"log_std_max = {self.log_std_max}"
+            )
+        for name in ("hidden", "policy_hidden", "value_hidden"):
+            if not getattr(self, name) or min(getattr(self, name)) < 1:
+                raise InputError(f"{name} = {getattr(self, name)}: expected one or more positive widths, e.g. (32, 32)")
+        choose("activation", self.activation, ("relu", "tanh"))
+        choose("normalize_obs", self.normalize_obs, ("task", "running", "none"))
+        choose("reward_form", self.reward_form, ("default", "sa", "s", "separable"))
+        choose("shaping", self.shaping, ("default", "empowerment", "learned", "both", "none"))
+        choose("inverse_loss", self.inverse_loss, ("likelihood", "mse"))
+        choose("l_i_power", self.l_i_power, (1, 2))
+
+
+def choose(what: str, given, options: Iterable) -> None:
+    """Checks that `given` is one of `options`; the error names the nearest ones.
+
+    Raises:
+      InputError: if it is not.
+    """
+    options = list(options)
+    if given not in options:
+        nearest = difflib.get_close_matches(str(given), [str(o) for o in options], n=3, cutoff=0.4)
+        hint = f"; did you mean {' or '.join(nearest)}?" if nearest else ""
+        raise InputError(f"unknown {what} {given!r}{hint} Choose one of: {', '.join(str(o) for o in options)}")

@@ -1,0 +1,109 @@
+"""Variational empowerment: the inverse model q(a|s,s'), the potential Phi(s), and the loss that ties them to pi.
+
+Section 2.3 of the paper, after Mohamed and Rezende (2015).
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from eairl_jax import optimize
+from eairl_jax.config import Config
+from eairl_jax.gaussian import Gaussian
+from eairl_jax.nets import GaussianMLP, scalar
+from eairl_jax.types import HParams, Key, Metrics, PyTree, Transition
+
+
+def potential_target(log_q: jax.Array, log_prob: jax.Array, beta: float | jax.Array) -> jax.Array:
+    """`beta log q(a|s,s') - log pi(a|s)`: what Phi(s) is regressed on. Any equal shapes."""
+    return beta * log_q - log_prob
+
+
+def l_i(log_q: jax.Array, log_prob: jax.Array, phi: jax.Array, beta: float | jax.Array, power: int) -> jax.Array:
+    """`l_I = |beta log q(a|s,s') - (log pi(a|s) + Phi(s))|^p`, Eq. 7, on the actions that were taken.
+
+    Zero where pi is the empowerment-maximising policy w* = exp(beta E log q) / Z and Phi = log Z.
+
+    Args:
+      log_q, log_prob, phi: of any one shape.
+      power: p, 1 or 2.
+    """
+    return jnp.abs(potential_target(log_q, log_prob, beta) - phi) ** power
+
+
+def l_q(q: Gaussian, action: jax.Array, loss: str) -> jax.Array:
+    """The inverse model's loss `[...]` on actions `[..., act]`.
+
+    "likelihood": `-log q(a|s,s')`, section 2.3. "mse": `|mean_q(s,s') - a|^2`, Eq. 8, which leaves q's std alone.
+    """
+    if loss == "mse":
+        return jnp.sum((q.mean - action) ** 2, axis=-1)
+    return -q.log_prob(action)
+
+
+@struct.dataclass
+class Empowerment:
+    """The inverse model q, the potential Phi and its slow copy Phi', with their optimisers."""
+
+    inverse: optimize.Fitted
+    phi: optimize.Fitted
+    phi_target: PyTree
+
+
+def init(key: Key, obs_size: int, action_size: int, config: Config) -> Empowerment:
+    """Fresh networks; Phi' starts as a copy of Phi."""
+    q_key, phi_key = jax.random.split(key)
+    obs = jnp.zeros((1, obs_size))
+    phi = scalar(config).init(phi_key, obs)
+    inverse = GaussianMLP(action_size, config).init(q_key, obs, obs)
+    return Empowerment(optimize.start(inverse), optimize.start(phi), jax.tree.map(jnp.copy, phi))
+
+
+def log_q(params: PyTree, x, config: Config) -> jax.Array:
+    """log q(a|s,s') `[...]` of transitions, observations normalised."""
+    return q_distribution(params, x, config).log_prob(x.action)
+
+
+def q_distribution(params: PyTree, x, config: Config) -> Gaussian:
+    """q(.|s,s'), observations normalised."""
+    return GaussianMLP(x.action.shape[-1], config).apply(params, x.obs, x.next_obs)  # pyright: ignore
+
+
+def phi(params: PyTree, obs: jax.Array, config: Config) -> jax.Array:
+    """Phi(s) `[...]`, observations normalised."""
+    return scalar(config).apply(params, obs)  # pyright: ignore
+
+
+def fit(
+    key: Key, state: Empowerment, batch: Transition, hparams: HParams, config: Config
+) -> tuple[Empowerment, Metrics]:
+    """Fits q by l_q, then Phi by l_I against the q just fitted, on the policy's own transitions `[T, N, ...]`."""
+    q_key, phi_key = jax.random.split(key)
+    count = (2, config.empowerment_updates, config.empowerment_batch)
+
+    def q_loss(params, x: Transition):
+        loss = l_q(q_distribution(params, x, config), x.action, config.inverse_loss).mean()
+        return loss, {"l_q": loss}
+
+    inverse, q_metrics = optimize.fit(state.inverse, q_loss, optimize.draw(q_key, batch, *count), hparams.inverse_lr)
+
+    def phi_loss(params, x_and_log_q):
+        x, log_q_x = x_and_log_q
+        potential = phi(params, x.obs, config)
+        loss = l_i(log_q_x, x.log_prob, potential, hparams.beta, config.l_i_power).mean()
+        return loss, {"l_i": loss, "empowerment": potential.mean(), "empowerment_std": potential.std()}
+
+    x = optimize.draw(phi_key, batch, *count)
+    fitted, phi_metrics = optimize.fit(
+        state.phi, phi_loss, (x, log_q(inverse.params, x, config)), hparams.phi_lr
+    )  # fmt: skip
+    return Empowerment(inverse, fitted, state.phi_target), q_metrics | phi_metrics
+
+
+def sync(state: Empowerment, iteration: jax.Array, config: Config) -> Empowerment:
+    """Copies Phi into Phi' at every `phi_sync_interval`-th iteration."""
+    due = iteration % config.phi_sync_interval == 0
+    copied = jax.tree.map(lambda new, slow: jnp.where(due, new, slow), state.phi.params, state.phi_target)
+    return Empowerment(state.inverse, state.phi, copied)

@@ -1,0 +1,71 @@
+"""Adam on minibatches: how every network is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import optax
+from flax import struct
+
+from eairl_jax.types import Metrics, PyTree
+
+_ADAM = optax.scale_by_adam()
+
+
+@struct.dataclass
+class Fitted:
+    """Parameters and their Adam moments. The learning rate is no part of it: rates stay free to be vmapped."""
+
+    params: PyTree
+    adam: PyTree
+
+
+def start(params: PyTree) -> Fitted:
+    """Parameters before the first update."""
+    return Fitted(params, _ADAM.init(params))
+
+
+def descend(fitted: Fitted, gradient: PyTree, lr: float | jax.Array) -> Fitted:
+    """One Adam step down the gradient."""
+    direction, adam = _ADAM.update(gradient, fitted.adam)
+    params = jax.tree.map(lambda p, d: p - lr * d, fitted.params, direction)
+    return Fitted(params, adam)
+
+
+def clip_norm(gradient: PyTree, max_norm: float | jax.Array) -> PyTree:
+    """Scales a gradient down to `max_norm` where its global norm is above it."""
+    scale = jnp.minimum(1.0, max_norm / (optax.global_norm(gradient) + 1e-8))
+    return jax.tree.map(lambda g: g * scale, gradient)
+
+
+def fit(
+    fitted: Fitted,
+    loss: Callable[[PyTree, PyTree], tuple[jax.Array, Metrics]],
+    minibatches: PyTree,
+    lr: float | jax.Array,
+) -> tuple[Fitted, Metrics]:
+    """Descends `loss(params, minibatch) -> (loss, metrics)` once on each of the minibatches.
+
+    Args:
+      minibatches: pytree of `[updates, batch, ...]`.
+
+    Returns:
+      The fitted parameters and the metrics, averaged over the updates.
+    """
+
+    def update(fitted, minibatch):
+        gradient, metrics = jax.grad(loss, has_aux=True)(fitted.params, minibatch)
+        return descend(fitted, gradient, lr), metrics
+
+    fitted, metrics = jax.lax.scan(update, fitted, minibatches)
+    return fitted, jax.tree.map(lambda m: m.mean(axis=0), metrics)
+
+
+def draw(key: jax.Array, data: PyTree, axes: int, updates: int, batch: int) -> PyTree:
+    """Draws minibatches `[updates, batch, ...]` with replacement from data whose first `axes` axes are samples."""
+    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[axes:]), data)
+    size = jax.tree.leaves(flat)[0].shape[0]
+    index = jax.random.randint(key, (updates, batch), 0, size)
+    return jax.tree.map(lambda x: x[index], flat)

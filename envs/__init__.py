@@ -1,0 +1,10 @@
+"""Tasks as MJX models behind brax's `Env`/`State` interface. Nothing here knows an algorithm.
+
+    env = envs.make("pendulum")
+    state = env.reset(jax.random.PRNGKey(0))
+    state = env.step(state, action)
+"""
+
+from envs.registry import TASKS, UnknownTask, make
+
+__all__ = ["TASKS", "UnknownTask", "make"]

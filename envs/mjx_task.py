@@ -1,0 +1,111 @@
+"""What every MJX task shares: the model, the frame skip and the little state that physics carries."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+
+import jax
+import jax.numpy as jnp
+import mujoco
+from flax import struct
+
+with contextlib.redirect_stdout(io.StringIO()):  # both print about an optional package that we do not use
+    from brax.envs.base import Env, State
+    from mujoco import mjx
+
+
+@struct.dataclass
+class Physics:
+    """All that one physics step hands to the next; the rest of `mjx.Data` is derived from it.
+
+    Attributes:
+      qpos: `[nq]` positions (m, rad).
+      qvel: `[nv]` velocities (m/s, rad/s).
+      qacc_warmstart: `[nv]` the constraint solver's starting point (m/s^2, rad/s^2).
+    """
+
+    qpos: jax.Array
+    qvel: jax.Array
+    qacc_warmstart: jax.Array
+
+
+class MjxTask(Env):
+    """A brax environment over one MuJoCo model that never ends before its time limit.
+
+    A task gives a model and three functions: `initial` draws the first physics state, `observe` reads a
+    physics state, `reward` scores the state *before* the step and the action executed in it.
+
+    Attributes:
+      model: the `mujoco.MjModel`, for the C engine and for viewers.
+      episode_length: steps in an episode; the caller enforces it (`done` is always 0).
+      action_limit: actions are clipped to [-action_limit, action_limit] before they are executed.
+      obs_mean, obs_std: `[obs]` centre and scale of the task's *whole* state space, wherever an expert goes.
+    """
+
+    episode_length: int
+    action_limit: float = 1.0
+    obs_mean: tuple[float, ...]
+    obs_std: tuple[float, ...]
+
+    def __init__(self, model: mujoco.MjModel, frame_skip: int):
+        self.model = model
+        self.frame_skip = frame_skip
+        self._mjx_model = mjx.put_model(model)
+        self._blank = mjx.make_data(self._mjx_model)
+
+    def initial(self, rng: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Draws `(qpos [nq], qvel [nv])` of a new episode."""
+        raise NotImplementedError
+
+    def observe(self, physics: Physics) -> jax.Array:
+        """Reads the observation `[obs]` of a physics state."""
+        raise NotImplementedError
+
+    def reward(self, physics: Physics, action: jax.Array) -> jax.Array:
+        """Scores a state and the (clipped) action `[act]` about to be executed in it; a scalar."""
+        raise NotImplementedError
+
+    def substep(self, physics: Physics, ctrl: jax.Array) -> Physics:
+        """One `mjx.step` of `model.opt.timestep` seconds."""
+        data = self._blank.replace(
+            qpos=physics.qpos, qvel=physics.qvel, qacc_warmstart=physics.qacc_warmstart, ctrl=ctrl
+        )
+        data = mjx.step(self._mjx_model, data)
+        return Physics(data.qpos, data.qvel, data.qacc_warmstart)
+
+    def reset(self, rng: jax.Array) -> State:
+        """Starts an episode. No physics is computed, so a reset costs next to nothing inside a rollout."""
+        qpos, qvel = self.initial(rng)
+        physics = Physics(qpos, qvel, jnp.zeros(self.model.nv))
+        zero = jnp.zeros(())
+        return State(pipeline_state=physics, obs=self.observe(physics), reward=zero, done=zero)  # pyright: ignore
+
+    def step(self, state: State, action: jax.Array) -> State:
+        """Clips the action, scores it, and advances `frame_skip` physics steps."""
+        action = jnp.clip(action, -self.action_limit, self.action_limit)
+        reward = self.reward(state.pipeline_state, action)  # pyright: ignore
+        # A scan, not an unrolled loop: the physics is compiled once instead of frame_skip times.
+        physics, _ = jax.lax.scan(
+            lambda physics, _: (self.substep(physics, action), None),
+            state.pipeline_state,
+            length=self.frame_skip,
+        )
+        return state.replace(pipeline_state=physics, obs=self.observe(physics), reward=reward)  # pyright: ignore
+
+    @property
+    def observation_size(self) -> int:
+        return len(self.obs_mean)
+
+    @property
+    def action_size(self) -> int:
+        return self.model.nu
+
+    @property
+    def backend(self) -> str:
+        return "mjx"
+
+    @property
+    def dt(self) -> float:
+        """Seconds between two observations."""
+        return self.model.opt.timestep * self.frame_skip

@@ -1,0 +1,97 @@
+"""The two-passage point maze of the reward-transfer experiments (Fu et al. 2018; EAIRL, section 5.1)."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import mujoco
+
+from envs.mjx_task import MjxTask
+
+SIDE = 0.6  # m, L in the paper's release
+START = (SIDE / 2, 0.0)
+GOAL = (SIDE / 2, SIDE - 0.1)
+# The barrier covers the arena from one outer wall to two thirds of L, seen from the far side.
+BARRIER = {"left": (SIDE / 3, SIDE), "right": (-0.1, 2 * SIDE / 3)}
+
+MJCF = """
+<mujoco>
+  <option timestep="0.01" gravity="0 0 0" integrator="Euler" solver="Newton" jacobian="sparse"
+          iterations="{iterations}" ls_iterations="{line_search}">
+    <flag eulerdamp="disable"/>
+  </option>
+  <default>
+    <geom condim="1" contype="0" conaffinity="1"/>
+    <joint type="slide" damping="1"/>
+    <motor ctrllimited="true" ctrlrange="-1 1"/>
+  </default>
+  <worldbody>
+    <body name="point">
+      <joint name="x" axis="1 0 0"/>
+      <joint name="y" axis="0 1 0"/>
+      <geom name="point" type="sphere" size="0.03" density="1000" contype="1" conaffinity="0"/>
+    </body>
+    <geom name="wall_west" type="plane" pos="-0.1 0 0" zaxis="1 0 0" size="1 1 0.1"/>
+    <geom name="wall_east" type="plane" pos="{side} 0 0" zaxis="-1 0 0" size="1 1 0.1"/>
+    <geom name="wall_south" type="plane" pos="0 -0.1 0" zaxis="0 1 0" size="1 1 0.1"/>
+    <geom name="wall_north" type="plane" pos="0 {side} 0" zaxis="0 -1 0" size="1 1 0.1"/>
+    <geom name="barrier" type="capsule" size="0.02" fromto="{left} {middle} 0 {right} {middle} 0"/>
+  </worldbody>
+  <actuator>
+    <motor name="x" joint="x"/>
+    <motor name="y" joint="y"/>
+  </actuator>
+</mujoco>
+"""
+
+
+class PointMaze(MjxTask):
+    """A point in a square arena whose barrier leaves one passage, on the left or on the right.
+
+    Observation (2):
+
+    | index | quantity       | unit | range       |
+    |-------|----------------|------|-------------|
+    | 0     | x of the point | m    | [-0.1, 0.6] |
+    | 1     | y of the point | m    | [-0.1, 0.6] |
+
+    Action (2): force along x and y, N, clipped to [-1, 1].
+
+    Reward: `-|point - goal| - 0.001 |action|^2`.
+
+    Contacts are frictionless (one constraint row each): the walls guide, they do not hold.
+
+    Args:
+      passage: "left" or "right", the side on which the barrier can be passed.
+      solver_iterations, line_search_iterations: of the constraint solver. One Newton step is enough for a
+        sphere on at most two walls; `tests/envs/test_point_maze.py` measures it against the C engine at 100.
+    """
+
+    episode_length = 100
+    # Uniform over the arena [-0.1, 0.6]^2, both passages included.
+    obs_mean = (0.25, 0.25)
+    obs_std = (0.2, 0.2)
+
+    def __init__(self, passage: str, solver_iterations: int = 1, line_search_iterations: int = 4):
+        left, right = BARRIER[passage]
+        mjcf = MJCF.format(
+            iterations=solver_iterations,
+            line_search=line_search_iterations,
+            side=SIDE,
+            left=left,
+            right=right,
+            middle=SIDE / 2,
+        )
+        super().__init__(mujoco.MjModel.from_xml_string(mjcf), frame_skip=5)
+
+    def initial(self, rng):
+        return jnp.array(START), jax.random.uniform(rng, (2,), minval=-0.01, maxval=0.01)
+
+    def observe(self, physics):
+        return physics.qpos
+
+    def reward(self, physics, action):
+        to_goal = physics.qpos - jnp.array(GOAL)
+        # The smooth norm keeps the gradient finite at the goal itself.
+        distance = jnp.sqrt(jnp.sum(to_goal**2) + 1e-12)
+        return -distance - 0.001 * jnp.sum(action**2)

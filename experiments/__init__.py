@@ -1,0 +1,1 @@
+"""Commands that join the algorithms of `eairl_jax` and the tasks of `envs`: experts, demonstrations, experiments."""

@@ -1,0 +1,221 @@
+"""The command line, `eairl`: arguments by tyro, one clear message and exit code 2 for bad input."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from tyro.conf import Positional, arg, subcommand
+
+Set = Annotated[
+    tuple[str, ...],
+    arg(name="set", metavar="NAME=VALUE", help="Override any setting of Config or HParams, e.g. lambda_i=0.1 iterations=400."),
+]
+Methods = Annotated[
+    tuple[str, ...], arg(metavar="NAME", help="One or more of eairl, airl_sa, airl_s, gail; each gets a row in the table.")
+]
+Forms = Annotated[
+    tuple[str, ...],
+    arg(metavar="FORM", help="What the reward sees: sa (the paper's r(s,a)), s, separable (g(s) + k(a), recommended for "
+        "transfer), default (the method's own). Several give several rows."),
+]  # fmt: skip
+Out = Annotated[Path | None, arg(metavar="DIR", help="Folder of the run. Default: runs/ and a name made of the arguments.")]
+Demos = Annotated[Path | None, arg(metavar="FILE", help="Demonstrations (.npz). Default: the 20 episodes that we ship.")]
+Seeds = Annotated[int, arg(help="Independent runs, trained side by side.")]
+
+
+@dataclass
+class Tasks:
+    """List the tasks: sizes, episode length, and what the shipped expert and random actions score."""
+
+    def run(self, line: str) -> None:
+        from experiments import tasks
+
+        tasks.command()
+
+
+@dataclass
+class Expert:
+    """Train experts by PPO on a task's own reward.
+
+    The best of the seeds is what `eairl demos` then collects demonstrations from.
+    """
+
+    task: Positional[str]
+    """Name of a task; `eairl tasks` lists them."""
+    seeds: Seeds = 4
+    out: Out = None
+    set: Set = ()
+
+    def run(self, line: str) -> None:
+        from experiments import expert
+
+        expert.command(self.task, self.seeds, self.out, self.set, line)
+
+
+@dataclass
+class Demos_:
+    """Collect demonstrations from a trained expert: an .npz of whole episodes and a .json of where they came from."""
+
+    task: Positional[str]
+    """Name of a task."""
+    expert: Annotated[Path | None, arg(metavar="DIR", help="Folder of `eairl expert`. Default: runs/expert-TASK.")] = None
+    episodes: int = 20
+    """How many episodes."""
+    seed: int = 0
+    """Of the episodes' randomness."""
+    out: Annotated[Path | None, arg(metavar="FILE", help="Where to write. Default: demos/TASK.npz.")] = None
+
+    def run(self, line: str) -> None:
+        from experiments import demos
+
+        demos.command(self.task, self.expert, self.episodes, self.seed, self.out, line)
+
+
+@dataclass
+class Imitate:
+    """Learn a policy, and with it a reward, from demonstrations of one task.
+
+    Uses the paper's imitation settings (entropy weight and lambda_I 0.001). A run that was interrupted goes on from its
+    last checkpoint when the same command is given again.
+    """
+
+    task: Positional[str]
+    """Name of a task."""
+    method: Methods = ("eairl",)
+    reward_form: Forms = ("default",)
+    seeds: Seeds = 5
+    demos: Demos = None
+    out: Out = None
+    set: Set = ()
+
+    def run(self, line: str) -> None:
+        from experiments import imitate
+
+        imitate.command(self.task, self.method, self.reward_form, self.seeds, self.demos, self.out, self.set, line)
+
+
+@dataclass
+class Transfer:
+    """Learn a reward in SOURCE, freeze it, train a fresh policy on it alone in TARGET, score by TARGET's true reward.
+
+    Beside every row stands the ceiling: the true reward, retrained under the same budget. A run that was interrupted
+    goes on from its last checkpoint when the same command is given again.
+    """
+
+    source: Positional[str]
+    """Task that was demonstrated."""
+    target: Positional[str]
+    """Task in which the reward is used."""
+    method: Methods = ("eairl",)
+    reward_form: Forms = ("default",)
+    seeds: Seeds = 5
+    rule: Annotated[
+        str,
+        arg(help="Which iteration's reward is taken: last, iteration=N, or source_retrain (retrain on every kept snapshot "
+            "in SOURCE and take the best by SOURCE's true return). None looks at TARGET."),
+    ] = "source_retrain"  # fmt: skip
+    demos: Demos = None
+    reward: Annotated[
+        Path | None, arg(metavar="DIR", help="Use this saved reward (a run's reward/ folder) instead of learning one.")
+    ] = None
+    out: Out = None
+    set: Set = ()
+    retrain_set: Annotated[
+        tuple[str, ...], arg(metavar="NAME=VALUE", help="Like --set, for the policies that are trained on the reward.")
+    ] = ()
+
+    def run(self, line: str) -> None:
+        from experiments import transfer
+
+        transfer.command(self.source, self.target, self.method, self.reward_form, self.seeds, self.rule, self.demos,
+                         self.reward, self.out, self.set, self.retrain_set, line)  # fmt: skip
+
+
+@dataclass
+class Bench:
+    """Measure what a whole iteration costs beside the simulation in it, its stages, five seeds beside one, and compiling."""
+
+    task: Positional[str]
+    """Name of a task."""
+    method: Methods = ("eairl",)
+    reward_form: Forms = ("default",)
+    json: Annotated[Path | None, arg(metavar="FILE", help="Write all figures here as well.")] = None
+    iterations: int = 20
+    """Iterations a measurement."""
+    set: Set = ()
+
+    def run(self, line: str) -> None:
+        from experiments import bench
+
+        bench.command(self.task, self.method, self.reward_form, self.json, self.set, self.iterations, line)
+
+
+Command = (
+    Annotated[Tasks, subcommand("tasks")]
+    | Annotated[Expert, subcommand("expert")]
+    | Annotated[Demos_, subcommand("demos")]
+    | Annotated[Imitate, subcommand("imitate")]
+    | Annotated[Transfer, subcommand("transfer")]
+    | Annotated[Bench, subcommand("bench")]
+)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point of `eairl`."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    command = tyro.cli(
+        Command,  # pyright: ignore
+        prog="eairl",
+        description="Learn rewards from demonstrations, and use them elsewhere: EAIRL and its relatives in JAX.",
+        args=arguments,
+    )
+    configure_jax()
+    from eairl_jax import InputError
+    from experiments.training import Diverged
+
+    try:
+        command.run(shlex.join(["eairl", *arguments]))
+    except InputError as e:
+        _fail(str(e), 2)
+    except OSError as e:
+        _fail(f"{e.strerror or e} ({e.filename or 'disk'}); what was computed before is kept: free the disk, then repeat "
+              "the command to go on", 2)  # fmt: skip
+    except Diverged as e:
+        _fail(str(e), 1)
+    except KeyboardInterrupt:
+        _fail("stopped; the same command goes on from the last checkpoint", 130)
+
+
+def configure_jax() -> None:
+    """Lets lanes use every CPU core, and keeps compiled programs from one command to the next.
+
+    A CPU core becomes a device of its own. XLA's thread pool must then be larger than the number of devices, or
+    programs that wait for each other's subtasks in it hang; NPROC is how it learns its size.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    os.environ.setdefault("NPROC", str(2 * cores + 2))
+    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
+    import jax
+
+    cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "eairl_jax"
+    jax.config.update("jax_num_cpu_devices", cores)
+    jax.config.update("jax_compilation_cache_dir", str(cache))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+
+def _fail(message: str, code: int) -> None:
+    from rich.console import Console
+
+    Console(stderr=True, highlight=False).print(f"[bold red]eairl:[/bold red] {message}", soft_wrap=True)
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,143 @@
+"""A run's folder: which run it belongs to, what it holds, and the metrics it gathers."""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import os
+import platform
+import shutil
+from importlib.metadata import version
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from eairl_jax import InputError
+from eairl_jax.artefact import read_json, write_json
+
+MINIMUM_FREE_BYTES = 50_000_000
+PACKAGES = ("jax", "brax", "mujoco", "mujoco-mjx", "flax", "optax", "orbax-checkpoint", "numpy")
+
+
+class Folder:
+    """The folder of one run.
+
+    Opening it claims it: `config.json` is written the first time and must agree ever after, so that a command only
+    ever goes on with its own run.
+
+    Args:
+      path: created if it is not there.
+      settings: everything that makes this run this run; JSON values.
+
+    Raises:
+      InputError: if the folder belongs to a different run, or cannot be written.
+    """
+
+    def __init__(self, path: Path | str, settings: dict):
+        self.path = Path(path)
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            probe = self.path / ".writable"
+            probe.write_text("")
+            probe.unlink()
+        except OSError as e:
+            raise InputError(f"cannot write to {self.path} ({e.strerror}): choose another folder with --out") from None
+        if shutil.disk_usage(self.path).free < MINIMUM_FREE_BYTES:
+            raise InputError(f"the disk of {self.path} has less than {MINIMUM_FREE_BYTES // 10**6} MB free")
+        config = self.path / "config.json"
+        if config.exists():
+            _refuse_different(self.path, read_json(config), settings)
+        elif any(self.path.iterdir()):
+            raise InputError(f"{self.path} holds files but no config.json: it is no run's folder; choose another --out")
+        else:
+            write_json(config, {"settings": settings, "machine": machine()})
+
+    def summary(self) -> dict | None:
+        """What the finished run wrote, or None."""
+        path = self.path / "summary.json"
+        return read_json(path) if path.exists() else None
+
+    def finish(self, summary: dict) -> None:
+        """Marks the run as finished."""
+        write_json(self.path / "summary.json", summary)
+
+    def seconds(self) -> dict[str, float]:
+        """Compile and run seconds so far, over every session of this run and of the phases in its folder."""
+        total = {"compile_seconds": 0.0, "run_seconds": 0.0}
+        for path in self.path.rglob("seconds.json"):
+            total = {name: before + read_json(path)[name] for name, before in total.items()}
+        return total
+
+    def add_seconds(self, **more: float) -> None:
+        """Adds to this folder's own part of `seconds`."""
+        path = self.path / "seconds.json"
+        own = read_json(path) if path.exists() else {"compile_seconds": 0.0, "run_seconds": 0.0}
+        write_json(path, {name: before + more.get(name, 0.0) for name, before in own.items()})
+
+    def append_metrics(self, first_iteration: int, steps: int, labels: list[dict], metrics: dict) -> None:
+        """Adds a chunk to `metrics.csv`, a row a lane and iteration; rows from a later, lost chunk are dropped.
+
+        Args:
+          first_iteration: iterations done before this chunk.
+          steps: environment steps an iteration.
+          labels: what tells the lanes apart, for example {"seed": 0}.
+          metrics: NumPy arrays `[lanes, length]`.
+        """
+        path, names = self.path / "metrics.csv", sorted(metrics)
+        header = [*labels[0], "iteration", "env_steps", *names]
+        rows = [row for row in self.metrics() if int(row["iteration"]) <= first_iteration]
+        length = next(iter(metrics.values())).shape[1]
+        for t in range(length):
+            done = first_iteration + t + 1
+            for lane, label in enumerate(labels):
+                values = {name: f"{metrics[name][lane, t]:.6g}" for name in names}
+                rows.append(label | {"iteration": done, "env_steps": done * steps} | values)
+        unfinished = path.with_name("metrics.csv.part")
+        with open(unfinished, "w", newline="", encoding="utf-8") as f:
+            writer = csv.DictWriter(f, header)
+            writer.writeheader()
+            writer.writerows(rows)
+        os.replace(unfinished, path)
+
+    def metrics(self) -> list[dict]:
+        """The rows of `metrics.csv`, as text."""
+        path = self.path / "metrics.csv"
+        if not path.exists():
+            return []
+        with open(path, newline="", encoding="utf-8") as f:
+            return list(csv.DictReader(f))
+
+    def curve(self, name: str, lanes: int) -> np.ndarray:
+        """One metric as `[lanes, iterations]`."""
+        values = np.array([float(row[name]) for row in self.metrics()])
+        return values.reshape(-1, lanes).T
+
+
+def machine() -> dict:
+    """Versions and device behind a result."""
+    return {
+        "date": datetime.date.today().isoformat(),
+        "python": platform.python_version(),
+        "versions": {name: version(name) for name in PACKAGES},
+        "device": jax.devices()[0].device_kind,
+        "devices": len(jax.devices()),
+    }
+
+
+def _refuse_different(path: Path, content: dict, settings: dict) -> None:
+    before, now = _flat(content.get("settings", {})), _flat(settings)
+    different = [name for name in sorted(before | now) if before.get(name) != now.get(name)]
+    if different:
+        shown = "; ".join(f"{name}: there {before.get(name)!r}, here {now.get(name)!r}" for name in different[:4])
+        raise InputError(f"{path} belongs to a different run ({shown}). Choose another --out, or remove that folder")
+
+
+def _flat(tree: dict, prefix: str = "") -> dict:
+    flat = {}
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = list(value) if isinstance(value, tuple) else value
+    return flat

@@ -1,0 +1,183 @@
+"""`eairl imitate`: learn a policy, and with it a reward, from demonstrations of one task."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from eairl_jax import (
+    Algorithm,
+    Config,
+    Demonstrations,
+    InputError,
+    Lanes,
+    LearnedReward,
+    demonstrations,
+    learned_reward,
+    load_reward,
+    make_irl,
+    save_reward,
+)
+from eairl_jax.methods import METHODS, resolve
+from eairl_jax.types import PyTree
+from envs.mjx_task import MjxTask
+from experiments import paper
+from experiments.demos import Reference, reference, shipped
+from experiments.folder import Folder
+from experiments.settings import Recipe, make_env, parse_overrides, recipe
+from experiments.summary import Curve, plot, print_table, summarize
+from experiments.training import console, default_out, final_returns, seed_keys, train
+
+
+@dataclass(frozen=True)
+class Job:
+    """One method with one reward form on one task, checked and ready to train."""
+
+    task: str
+    env: MjxTask
+    recipe: Recipe
+    demos: Demonstrations
+    demos_path: Path
+    reference: Reference
+    seeds: int
+
+    @property
+    def row(self) -> str:
+        """The row's name: "eairl-separable"."""
+        return f"{self.recipe.config.method}-{resolve(self.recipe.config).reward_form}"
+
+    def settings(self) -> dict:
+        """What makes this run this run."""
+        return {
+            "task": self.task,
+            "demonstrations": str(self.demos_path),
+            "seeds": self.seeds,
+            "config": dataclasses.asdict(self.recipe.config),
+            "hparams": dataclasses.asdict(self.recipe.hparams),
+            "snapshot_every": self.recipe.snapshot_every,
+        }
+
+
+def prepare(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: int, demos: Path | None,
+            purpose: str, assignments: tuple[str, ...]) -> list[Job]:  # fmt: skip
+    """Checks everything that a command was given and returns a job for each method and reward form.
+
+    Raises:
+      InputError: for anything that could not be trained.
+    """
+    if seeds < 1:
+        raise InputError(f"--seeds {seeds}: expected at least 1")
+    env, overrides = make_env(task), parse_overrides(assignments)
+    path = demos or shipped(task)
+    data = demonstrations.load(path, task, env.observation_size, env.action_size)
+    jobs = []
+    for method in methods:
+        for form in forms:
+            own = recipe(task, env, purpose, {"method": method, "reward_form": form} | overrides)
+            resolve(own.config)
+            jobs.append(Job(task, env, own, data, path, reference(task, env, path, data), seeds))
+    return list({job.row: job for job in jobs}.values())
+
+
+def learn(folder: Folder, job: Job) -> tuple[Algorithm, PyTree]:
+    """Trains a job in a folder, keeping a snapshot of every seed's reward in `snapshots/`; the final state."""
+    algorithm = make_irl(job.env, job.recipe.config)
+    lanes = Lanes(algorithm, seed_keys(job.seeds), job.recipe.hparams, job.demos)
+
+    def keep(iteration: int, state: PyTree) -> None:
+        save_reward(snapshot_path(folder, iteration), describe(job, learned_reward(state), [iteration] * job.seeds))
+
+    labels = [{"seed": seed} for seed in range(job.seeds)]
+    return algorithm, train(folder, f"{job.row} in {job.task}", lanes, job.recipe, labels, keep)
+
+
+def snapshot_path(folder: Folder, iteration: int) -> Path:
+    """Where the rewards of an iteration are kept."""
+    return folder.path / "snapshots" / f"{iteration:06d}"
+
+
+def describe(job: Job, params, iterations: list[int]) -> LearnedReward:
+    """A learned reward with its description; `iterations` says from which one each seed's row was taken."""
+    config: Config = job.recipe.config
+    description = {
+        "task": job.task,
+        "obs_size": job.env.observation_size,
+        "action_size": job.env.action_size,
+        "action_limit": job.env.action_limit,
+        "method": config.method,
+        "reward_form": resolve(config).reward_form,
+        "seeds": list(range(job.seeds)),
+        "iterations": iterations,
+        "hparams": dataclasses.asdict(job.recipe.hparams),
+    }
+    return LearnedReward(description, config, params)
+
+
+def imitate(job: Job, out: Path, command: str) -> dict:
+    """Runs a job to its end, or goes on with it; returns the summary that it leaves."""
+    folder = Folder(out, job.settings())
+    summary = folder.summary()
+    if summary is None:
+        algorithm, state = learn(folder, job)
+        returns = final_returns(job.env, algorithm, state).mean(axis=1)
+        config = job.recipe.config
+        save_reward(folder.path / "reward", load_reward(snapshot_path(folder, config.iterations)))
+        summary = summarize(command, job.task, None, config.method, returns,
+                            config.iterations * config.steps_per_iteration, folder.seconds(),
+                            job.reference.expert, job.reference.random, row=job.row)  # fmt: skip
+        plot(folder.path / "curves.png", f"{job.row}: imitation of {job.task}", imitation_curves(folder, job))
+        folder.finish(summary)
+    console.print(f"[dim]{job.row}: {folder.path}/ holds config, metrics, checkpoints, reward, curves, summary[/dim]")
+    return summary
+
+
+def imitation_curves(folder: Folder, job: Job) -> list[Curve]:
+    """True return, discriminator accuracy and reward of a run in `folder`."""
+    steps = job.recipe.config.steps_per_iteration
+
+    def curve(panel, label, name, level=None):
+        return Curve(panel, label, folder.curve(name, job.seeds), steps, level)
+
+    return [
+        curve("true return", "", "true_return", ("expert", job.reference.expert)),
+        curve("discriminator accuracy", "on the expert", "accuracy_expert", ("chance", 0.5)),
+        curve("discriminator accuracy", "on the policy", "accuracy_policy"),
+        curve("learned reward", "on the expert", "reward_expert"),
+        curve("learned reward", "on the policy", "reward_policy"),
+    ]
+
+
+def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: int, demos: Path | None,
+            out: Path | None, assignments: tuple[str, ...], line: str) -> None:  # fmt: skip
+    """Runs every job of `eairl imitate` and prints one table."""
+    jobs = prepare(task, methods, forms, seeds, demos, "imitate", assignments)
+    rows = [("expert", np.array([jobs[0].reference.expert]), paper.row(paper.IMITATION, task, "expert"), "")]
+    for job in jobs:
+        where = row_out(out, f"imitate-{task}-{job.row}", job.row, len(jobs))
+        summary = imitate(job, where, line)
+        remark = f"normalized {summary['normalized']:.3f}"
+        published = paper.row(paper.IMITATION, task, job.recipe.config.method)
+        rows.append((job.row, np.array(summary["returns"]), published, remark))
+    rows.append(("random actions", np.array([jobs[0].reference.random]), None, ""))
+    print_table(f"Imitation of {task}: true return of the sampled policy, {seeds} seeds", rows)
+
+
+def row_out(out: Path | None, name: str, row: str, count: int) -> Path:
+    """The folder of one row: `runs/NAME`, or --out, or a folder in it when there are several rows."""
+    if out is None:
+        return default_out(name)
+    return out if count == 1 else out / row
+
+
+def method_help() -> str:
+    """A line a method, for help texts."""
+    return "; ".join(f"{name}: {row.summary}" for name, row in METHODS.items())
+
+
+def take_rows(tree: PyTree, rows: np.ndarray) -> PyTree:
+    """Rows of every leaf."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[rows], tree)

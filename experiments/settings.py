@@ -1,0 +1,122 @@
+"""What each task is trained with, for each purpose. A new task needs a row in `RECIPES` only if it wants its own."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, fields
+from typing import Any
+
+import envs
+from eairl_jax import Config, HParams, InputError
+from eairl_jax.config import choose
+from envs.mjx_task import MjxTask
+
+PURPOSES = ("expert", "imitate", "reward", "retrain")
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to train for one purpose: static settings, floats, and how often a snapshot is kept."""
+
+    config: Config
+    hparams: HParams
+    snapshot_every: int
+
+
+# Appendix D.2: entropy and lambda_I 0.001 to imitate, 0.1 and 1.0 to learn a reward; Phi' synced every 2 and 5.
+PURPOSE_DEFAULTS: dict[str, dict[str, Any]] = {
+    "expert": dict(policy_lr=2e-3, policy_lr_end=0.1, entropy_weight=0.01, entropy_end=0.0, ppo_epochs=8,
+                   ppo_minibatches=8, iterations=200, snapshot_every=40),
+    "imitate": dict(entropy_weight=0.001, lambda_i=0.001, phi_sync_interval=2, iterations=200, snapshot_every=40),
+    "reward": dict(entropy_weight=0.1, lambda_i=1.0, phi_sync_interval=5, iterations=240, snapshot_every=40),
+    "retrain": dict(policy_lr=2e-3, policy_lr_end=0.1, entropy_weight=0.01, entropy_end=0.0, ppo_epochs=8,
+                    ppo_minibatches=8, iterations=100, snapshot_every=50),
+}  # fmt: skip
+
+# One iteration of a maze is 32 whole episodes, of the pendulum the paper's 2,000 steps.
+RECIPES: dict[str, dict[str, dict[str, Any]]] = {
+    "pendulum": {
+        "all": dict(num_envs=10, rollout_length=200, log_std_init=0.0, log_std_max=1.0),
+        "expert": dict(num_envs=32, ppo_minibatches=4),
+    },
+    "point_maze_left": {"all": dict(num_envs=32, rollout_length=100)},
+    "point_maze_right": {"all": dict(num_envs=32, rollout_length=100)},
+}
+
+
+def recipe(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any]) -> Recipe:
+    """The settings of a task for a purpose, with a user's overrides on top.
+
+    Raises:
+      InputError: for an impossible setting.
+    """
+    own = RECIPES.get(task, {})
+    merged = {"episode_length": env.episode_length}
+    merged |= PURPOSE_DEFAULTS[purpose] | own.get("all", {}) | own.get(purpose, {}) | overrides
+    snapshot_every = merged.pop("snapshot_every")
+    floats = {f.name for f in fields(HParams)}
+    hparams = HParams(**{k: v for k, v in merged.items() if k in floats})
+    config = Config(**{k: v for k, v in merged.items() if k not in floats})
+    check_hparams(hparams)
+    if config.iterations % snapshot_every:
+        raise InputError(
+            f"iterations = {config.iterations} is not a multiple of snapshot_every = {snapshot_every}: "
+            f"try --set snapshot_every={_divisor(config.iterations, snapshot_every)}"
+        )
+    return Recipe(config, hparams, snapshot_every)
+
+
+def check_hparams(hparams: HParams) -> None:
+    """Raises `InputError` for a float that no run can have."""
+    for name, value in dataclasses.asdict(hparams).items():
+        if not value >= 0:  # NaN too
+            raise InputError(f"{name} = {value}: expected 0 or more")
+    for name in ("gamma", "gae_lambda"):
+        if getattr(hparams, name) > 1:
+            raise InputError(f"{name} = {getattr(hparams, name)}: expected at most 1")
+
+
+def parse_overrides(assignments: tuple[str, ...]) -> dict[str, Any]:
+    """Reads `name=value` pairs of `Config`, `HParams` or `snapshot_every`, each value by its field's type.
+
+    Raises:
+      InputError: for a name that is no setting (with the nearest ones) or a value of another type.
+    """
+    defaults = {f.name: f.default for f in (*fields(Config), *fields(HParams))} | {"snapshot_every": 40}
+    parsed = {}
+    for assignment in assignments:
+        name, equals, text = assignment.partition("=")
+        if not equals:
+            raise InputError(f"--set {assignment}: expected name=value, e.g. --set lambda_i=0.1")
+        choose("setting", name, defaults)
+        parsed[name] = _parse(name, text, defaults[name])
+    return parsed
+
+
+def _parse(name: str, text: str, default: Any) -> Any:
+    try:
+        if isinstance(default, bool):
+            return {"true": True, "false": False}[text.lower()]
+        if isinstance(default, tuple):
+            return tuple(int(width) for width in text.split(","))
+        return type(default)(text)
+    except (KeyError, ValueError):
+        example = ",".join(map(str, default)) if isinstance(default, tuple) else str(default).lower()
+        raise InputError(f"--set {name}={text}: expected something like {name}={example}") from None
+
+
+def _divisor(iterations: int, near: int) -> int:
+    """The largest divisor of `iterations` that is at most `near`."""
+    return next(n for n in range(min(near, iterations), 0, -1) if iterations % n == 0)
+
+
+def make_env(task: str) -> MjxTask:
+    """`envs.make`, its complaint turned into the one error that commands report.
+
+    Raises:
+      InputError: for an unknown task.
+    """
+    try:
+        return envs.make(task)
+    except envs.UnknownTask as e:
+        raise InputError(str(e)) from None

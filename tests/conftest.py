@@ -1,0 +1,158 @@
+"""What the tests share: how jax is set up, a toy environment that compiles in no time, compiled steps of every method."""
+
+from __future__ import annotations
+
+import functools
+import os
+from pathlib import Path
+
+# Before any backend starts: with two virtual CPU devices and fewer threads than that, XLA waits for itself for ever.
+os.environ.setdefault("NPROC", "4")
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+
+import jax
+
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "eairl_jax"
+os.environ.setdefault("HYPOTHESIS_STORAGE_DIRECTORY", str(CACHE / "hypothesis"))
+jax.config.update("jax_num_cpu_devices", 2)
+jax.config.update("jax_compilation_cache_dir", str(CACHE))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flax import struct
+from hypothesis import settings
+
+import eairl_jax
+from eairl_jax import Config, Demonstrations, HParams, Transition
+
+# The first call compiles, so no deadline; the same examples every time.
+settings.register_profile("eairl_jax", deadline=None, derandomize=True, database=None)
+settings.load_profile("eairl_jax")
+
+@struct.dataclass
+class ToyState:
+    """The fields that every brax state has."""
+
+    obs: jax.Array
+    reward: jax.Array
+    done: jax.Array
+
+
+class Toy:
+    """An environment that writes down what happened to it.
+
+    Observation (4): steps since the reset, the two actions as they were executed, the episode's tag (random, in
+    [1, 2)). Reward: `-|executed - 0.5|^2`. Ends at step `ends_at`, if given.
+    """
+
+    observation_size = 4
+    action_size = 2
+
+    def __init__(self, ends_at: int | None = None, action_limit: float | None = None):
+        self.ends_at = ends_at
+        if action_limit is not None:
+            self.action_limit = action_limit
+
+    def reset(self, rng):
+        tag = jax.random.uniform(rng, (1,), minval=1.0, maxval=2.0)
+        return ToyState(jnp.concatenate([jnp.zeros(3), tag]), jnp.zeros(()), jnp.zeros(()))
+
+    def step(self, state, action):
+        steps = state.obs[0] + 1
+        obs = jnp.concatenate([steps[None], action, state.obs[3:]])
+        done = (steps >= self.ends_at).astype(jnp.float32) if self.ends_at else jnp.zeros(())
+        return ToyState(obs, -jnp.sum((action - 0.5) ** 2), done)
+
+
+@pytest.fixture(scope="session")
+def toy():
+    """Makes a `Toy`."""
+    return Toy
+
+
+@pytest.fixture(scope="session")
+def tiny():
+    """Makes a `Config` of the smallest sizes that still have every loop and every axis."""
+    sizes = dict(
+        num_envs=4, rollout_length=6, episode_length=5, iterations=10, hidden=(8,), policy_hidden=(8,),
+        value_hidden=(8,), ppo_epochs=2, ppo_minibatches=2, history_length=1, discriminator_updates=2,
+        discriminator_batch=8, empowerment_updates=2, empowerment_batch=8, phi_sync_interval=2,
+    )  # fmt: skip
+    return lambda **changes: Config(**(sizes | changes))
+
+
+@pytest.fixture(scope="session")
+def demos():
+    """Three made-up expert episodes of five steps in `Toy`."""
+    rng = np.random.default_rng(0)
+    draw = lambda *tail: rng.normal(size=(3, 5, *tail)).astype(np.float32)
+    return Demonstrations(draw(4), 0.5 + 0.1 * draw(2), draw(4), draw(), np.zeros((3, 5), np.float32))
+
+
+@pytest.fixture(scope="session")
+def built(toy, tiny):
+    """`(algorithm, jitted init, jitted step)` of a method in `Toy`; compiled once a session."""
+
+    @functools.cache
+    def build(**changes):
+        algorithm = eairl_jax.make_irl(toy(ends_at=4), tiny(**changes))
+        return algorithm, jax.jit(algorithm.init), jax.jit(algorithm.step)
+
+    return build
+
+
+@pytest.fixture
+def one_step(built, demos):
+    """`(state before, state after, metrics)` of the first iteration of a method."""
+
+    def run(hparams=HParams(), seed=0, **changes):
+        _, init, step = built(**changes)
+        before = init(jax.random.PRNGKey(seed), hparams)
+        return before, *step(before, hparams, demos)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def mlp():
+    """A perceptron in NumPy, double precision: `(params of a flax network, inputs) -> [..., out]`."""
+
+    def apply(params, *inputs):
+        layers = params["params"]["MLP_0"]
+        x = np.concatenate([np.asarray(i, np.float64) for i in inputs], axis=-1)
+        for i in range(len(layers)):
+            layer = layers[f"Dense_{i}"]
+            x = x @ np.asarray(layer["kernel"], np.float64) + np.asarray(layer["bias"], np.float64)
+            x = np.maximum(x, 0.0) if i < len(layers) - 1 else x
+        return x
+
+    return apply
+
+
+@pytest.fixture
+def transitions():
+    """Makes random `Transition`s `[T, N, ...]`, a tenth of them the last of an episode."""
+
+    def make(length=6, num_envs=4, seed=0):
+        rng = np.random.default_rng(seed)
+        draw = lambda *tail: rng.normal(size=(length, num_envs, *tail)).astype(np.float32)
+        terminated = (rng.random((length, num_envs)) < 0.1).astype(np.float32)
+        truncated = (rng.random((length, num_envs)) < 0.1) * (1 - terminated)
+        return Transition(draw(4), draw(2), draw(), draw(4), draw(), terminated, truncated.astype(np.float32))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def equal_trees():
+    """Asserts that two pytrees have one structure and bit-equal leaves."""
+
+    def check(a, b):
+        assert jax.tree.structure(a) == jax.tree.structure(b)
+        for (path, x), y in zip(jax.tree_util.tree_leaves_with_path(a), jax.tree.leaves(b), strict=True):
+            np.testing.assert_array_equal(np.asarray(x), np.asarray(y), err_msg=jax.tree_util.keystr(path))
+
+    return check

@@ -1,0 +1,40 @@
+"""Scores, in an environment that writes down what happened to it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from eairl_jax import evaluate, random_policy
+
+
+@pytest.mark.parametrize(("ends_at", "counted"), [(None, 5), (3, 3)])
+def test_returns_stop_at_the_end_of_the_episode(toy, ends_at, counted):
+    act = lambda obs, key: jnp.stack([obs[:, 0], 3.0 - obs[:, 0]], axis=-1)
+    returns, steps = evaluate(jax.random.PRNGKey(0), toy(ends_at), act, episodes=4, episode_length=5)
+    t = np.arange(counted)
+    executed = np.clip(np.stack([t, 3.0 - t], axis=-1), -1, 1)
+    np.testing.assert_allclose(returns, np.full(4, -((executed - 0.5) ** 2).sum()), rtol=1e-6)
+    assert {name: x.shape for name, x in steps.items()} == {
+        "obs": (4, 5, 4), "action": (4, 5, 2), "next_obs": (4, 5, 4), "reward": (4, 5), "terminated": (4, 5)
+    }  # fmt: skip
+    np.testing.assert_array_equal(steps["obs"][0, :, 0], np.arange(5))
+    np.testing.assert_array_equal(steps["next_obs"][0, :, 0], np.arange(5) + 1)
+    np.testing.assert_array_equal(steps["action"][0, :, 1], 3.0 - np.arange(5))
+    np.testing.assert_array_equal(steps["terminated"][0], np.arange(5) == (ends_at or 0) - 1)
+    assert len(set(np.asarray(steps["obs"][:, 0, 3]))) == 4
+
+
+def test_keys_differ_between_steps_and_episodes(toy):
+    act = lambda obs, key: jax.random.normal(key, (obs.shape[0], 2))
+    _, steps = evaluate(jax.random.PRNGKey(0), toy(), act, episodes=3, episode_length=4)
+    assert len(np.unique(steps["action"])) == 3 * 4 * 2
+
+
+@pytest.mark.parametrize("limit", [None, 2.5])
+def test_random_policy_fills_the_executed_range(toy, limit):
+    act = random_policy(toy(action_limit=limit))
+    actions = np.asarray(act(jnp.zeros((4000, 4)), jax.random.PRNGKey(0)))
+    assert actions.shape == (4000, 2)
+    np.testing.assert_allclose([actions.min(), actions.max()], [-(limit or 1.0), limit or 1.0], rtol=0.01)
+    np.testing.assert_allclose(actions.std(), (limit or 1.0) / np.sqrt(3), rtol=0.03)

@@ -1,0 +1,54 @@
+"""The Gaussian against scipy and against integrals."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+from eairl_jax.gaussian import Gaussian
+
+MEAN = np.array([[0.3, -1.2], [2.0, 0.0], [-0.7, 0.9]])
+LOG_STD = np.array([[0.1, -0.8], [-1.5, 0.4], [0.0, 0.3]])
+OTHER_MEAN, OTHER_LOG_STD = MEAN[::-1] * 0.5, LOG_STD[::-1] + 0.2
+
+
+@pytest.fixture
+def pi():
+    return Gaussian(jnp.asarray(MEAN), jnp.asarray(LOG_STD))
+
+
+def integral(f, mean, std):
+    """The integral of f over the line, where all but e^-72 of the Gaussian's mass lies."""
+    x = np.linspace(mean - 12 * std, mean + 12 * std, 20_001)
+    return np.trapezoid(f(x), x)
+
+
+def test_log_prob_is_scipys_density(pi):
+    action = np.array([[0.0, 0.0], [2.5, -3.0], [-9.0, 9.0]])
+    expected = stats.norm.logpdf(action, MEAN, np.exp(LOG_STD)).sum(axis=-1)
+    np.testing.assert_allclose(pi.log_prob(jnp.asarray(action)), expected, rtol=1e-5)
+
+
+def test_entropy_is_the_integral_of_minus_p_log_p(pi):
+    expected = np.zeros(3)
+    for i, j in np.ndindex(3, 2):
+        p = stats.norm(MEAN[i, j], np.exp(LOG_STD[i, j]))
+        expected[i] += integral(lambda x: -p.pdf(x) * p.logpdf(x), p.mean(), p.std())
+    np.testing.assert_allclose(pi.entropy(), expected, rtol=1e-5)
+
+
+def test_kl_is_the_integral_of_p_log_p_over_q(pi):
+    expected = np.zeros(3)
+    for i, j in np.ndindex(3, 2):
+        p = stats.norm(MEAN[i, j], np.exp(LOG_STD[i, j]))
+        q = stats.norm(OTHER_MEAN[i, j], np.exp(OTHER_LOG_STD[i, j]))
+        expected[i] += integral(lambda x: p.pdf(x) * (p.logpdf(x) - q.logpdf(x)), p.mean(), p.std())
+    actual = pi.kl(Gaussian(jnp.asarray(OTHER_MEAN), jnp.asarray(OTHER_LOG_STD)))
+    np.testing.assert_allclose(actual, expected, rtol=1e-4)
+    np.testing.assert_allclose(pi.kl(pi), np.zeros(3), atol=1e-6)
+
+
+def test_samples_have_the_mean_and_the_std(pi):
+    samples = np.asarray(pi.sample(jnp.asarray(np.random.default_rng(0).normal(size=(20_000, 3, 2)))))
+    np.testing.assert_allclose(samples.mean(axis=0), MEAN, atol=0.05)
+    np.testing.assert_allclose(samples.std(axis=0), np.exp(LOG_STD), rtol=0.03)

@@ -1,0 +1,48 @@
+"""Logits and policy rewards against their definitions by D, in double precision."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from eairl_jax import METHODS
+
+RNG = np.random.default_rng(0)
+F, LOG_PI = RNG.normal(0, 2, 200), RNG.normal(-1, 2, 200)
+AIRL_D = np.exp(F) / (np.exp(F) + np.exp(LOG_PI))
+GAIL_D = 1 / (1 + np.exp(-F))
+
+
+@pytest.mark.parametrize(
+    ("method", "d", "reward"),
+    [
+        *((name, AIRL_D, np.log(AIRL_D) - np.log(1 - AIRL_D)) for name in ("eairl", "airl_sa", "airl_s")),
+        ("gail", GAIL_D, -np.log(1 - GAIL_D)),
+    ],
+)
+def test_logit_and_reward_follow_from_d(method, d, reward):
+    row = METHODS[method]
+    logit = row.logit_expert_high(jnp.asarray(F), jnp.asarray(LOG_PI))
+    np.testing.assert_allclose(1 / (1 + np.exp(-np.asarray(logit, np.float64))), d, atol=1e-5)
+    np.testing.assert_allclose(row.policy_reward(logit), reward, atol=1e-5)
+
+
+def test_airls_reward_is_f_minus_log_pi():
+    row = METHODS["airl_sa"]
+    reward = row.policy_reward(row.logit_expert_high(jnp.asarray(F), jnp.asarray(LOG_PI)))
+    np.testing.assert_allclose(reward, F - LOG_PI, atol=1e-5)
+
+
+def test_gails_reward_is_positive_and_does_not_see_pi():
+    row = METHODS["gail"]
+    logits = [row.logit_expert_high(jnp.asarray(F), jnp.asarray(LOG_PI * scale)) for scale in (0.0, 3.0)]
+    np.testing.assert_array_equal(*logits)
+    assert (row.policy_reward(logits[0]) > 0).all()
+
+
+def test_rows_differ_in_what_the_paper_says():
+    assert {name: (row.reward_form, row.shaping, row.empowerment) for name, row in METHODS.items()} == {
+        "eairl": ("sa", "empowerment", True),
+        "airl_sa": ("sa", "learned", False),
+        "airl_s": ("s", "learned", False),
+        "gail": ("sa", "none", False),
+    }
