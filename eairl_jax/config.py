@@ -39,6 +39,9 @@ class Config:
     normalize_obs: str = "task"
     """"task": the scale that the environment declares for its whole state space (identity if it declares none);
     "running": mean and variance of what the policy has seen; "none": raw observations."""
+    reward_obs: str = "normalized"
+    """What the reward (and a learned h) sees: "normalized" observations, like every other network, or "raw" ones. The
+    coarser its input, the less a reward can single out the path that the expert took."""
 
     # PPO
     ppo_epochs: int = 4
@@ -49,6 +52,9 @@ class Config:
     """A row of `methods.METHODS`."""
     reward_form: str = "default"
     """"sa": g(s,a); "s": g(s); "separable": g(s) + k(a); "default": the method's own."""
+    action_part: str = "quadratic"
+    """k(a) of a separable reward: "quadratic": -c |a|^2 with a learned c >= 0, a cost and nothing else; "net": any function
+    of the action, which can also learn the direction in which the expert mostly went."""
     shaping: str = "default"
     """Potential-based shaping of f: "empowerment" (Phi), "learned" (AIRL's h), "both", "none"; "default": the
     method's own."""
@@ -97,7 +103,9 @@ class Config:
                 raise InputError(f"{name} = {getattr(self, name)}: expected one or more positive widths, e.g. (32, 32)")
         choose("activation", self.activation, ("relu", "tanh"))
         choose("normalize_obs", self.normalize_obs, ("task", "running", "none"))
+        choose("reward_obs", self.reward_obs, ("normalized", "raw"))
         choose("reward_form", self.reward_form, ("default", "sa", "s", "separable"))
+        choose("action_part", self.action_part, ("quadratic", "net"))
         choose("shaping", self.shaping, ("default", "empowerment", "learned", "both", "none"))
         choose("inverse_loss", self.inverse_loss, ("likelihood", "mse"))
         choose("l_i_power", self.l_i_power, (1, 2))

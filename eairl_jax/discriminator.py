@@ -13,6 +13,9 @@ from eairl_jax.methods import Method
 from eairl_jax.nets import scalar
 from eairl_jax.types import Key, Metrics, PyTree
 
+# softplus(-3) = 0.05: actions cost next to nothing until the expert shows that they do.
+FIRST_RAW_COST = -3.0
+
 
 class Samples(NamedTuple):
     """What the logit needs of a transition, `[..., ]` each; observations normalised.
@@ -42,7 +45,8 @@ def init(key: Key, obs_size: int, action_size: int, method: Method, config: Conf
     obs, action, net = jnp.zeros((1, obs_size)), jnp.zeros((1, action_size)), scalar(config)
     params = {"g": net.init(g_key, obs, action) if method.reward_form == "sa" else net.init(g_key, obs)}
     if method.reward_form == "separable":
-        params["k"] = net.init(k_key, action)
+        quadratic = config.action_part == "quadratic"
+        params["k"] = {"raw_cost": jnp.full((), FIRST_RAW_COST)} if quadratic else net.init(k_key, action)
     if method.shaping in ("learned", "both"):
         params["h"] = net.init(h_key, obs)
     return params
@@ -57,7 +61,11 @@ def reward(params: PyTree, obs: jax.Array, action: jax.Array, form: str, config:
     if form == "sa":
         return net.apply(params["g"], obs, action)  # pyright: ignore
     g = net.apply(params["g"], obs)
-    return g + net.apply(params["k"], action) if form == "separable" else g  # pyright: ignore
+    if form == "s":
+        return g  # pyright: ignore
+    if config.action_part == "net":
+        return g + net.apply(params["k"], action)  # pyright: ignore
+    return g - jax.nn.softplus(params["k"]["raw_cost"]) * jnp.sum(action**2, axis=-1)
 
 
 def logit_expert_high(params: PyTree, samples: Samples, gamma, method: Method, config: Config) -> jax.Array:

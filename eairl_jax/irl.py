@@ -79,8 +79,8 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         expert, policy = draw_samples(d_key, acting, emp, demos, past, hparams)
         d, d_metrics = discriminator.fit(state.discriminator, expert, policy, hparams, method, config)
         # theta: the policy, on the reward as it now is, and on l_I
-        logit = discriminator.logit_expert_high(d.params, as_samples(emp, tau, tau.log_prob, hparams), hparams.gamma,
-                                                method, config)  # fmt: skip
+        seen = as_samples(emp, raw, tau, tau.log_prob, hparams)
+        logit = discriminator.logit_expert_high(d.params, seen, hparams.gamma, method, config)
         tau = tau._replace(reward=method.policy_reward(logit))
         pi, pi_metrics = optimizer.update(pi_key, acting.policy, tau, *l_i_penalty(emp, tau, hparams), hparams)
         # varphi': the slow copy of the empowerment
@@ -103,19 +103,23 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         def prepare(raw):
             x = actor.normalized(acting, raw)
             log_prob = optimizer.distribution(acting.policy, x.obs).log_prob(x.action)
-            return as_samples(emp, x, log_prob, hparams)
+            return as_samples(emp, raw, x, log_prob, hparams)
 
         return prepare(drawn[0]), prepare(drawn[1])
 
-    def as_samples(emp, x, log_prob, hparams: HParams) -> discriminator.Samples:
-        """What the logit needs. Phi is a constant in it: no gradient of the discriminator's loss reaches Phi."""
+    def as_samples(emp, raw, x, log_prob, hparams: HParams) -> discriminator.Samples:
+        """What the logit needs of `raw` samples and the same ones normalised, `x`.
+
+        Phi is a constant in it: no gradient of the discriminator's loss reaches Phi.
+        """
         phi_shaping = jnp.zeros_like(log_prob)
         if method.shaping in ("empowerment", "both"):
             phi = empowerment.phi(emp.phi.params, x.obs, config)
             next_phi = empowerment.phi(emp.phi_target, x.next_obs, config)
             phi_shaping = discriminator.shaping(phi, next_phi, x.terminated, hparams.gamma)
+        seen = raw if config.reward_obs == "raw" else x
         return discriminator.Samples(
-            x.obs, x.action, x.next_obs, x.terminated, log_prob, jax.lax.stop_gradient(phi_shaping)
+            seen.obs, x.action, seen.next_obs, x.terminated, log_prob, jax.lax.stop_gradient(phi_shaping)
         )  # fmt: skip
 
     def l_i_penalty(emp, tau: Transition, hparams: HParams):
@@ -137,7 +141,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
 
 
 def learned_reward(state: IRLState) -> RewardParams:
-    """What is transferred: the reward alone, without shaping and without log pi."""
+    """What is transferred: the reward alone, without shaping and without log pi. Lanes are kept, if there are any."""
     kept = {name: params for name, params in state.discriminator.params.items() if name in ("g", "k")}
     return RewardParams(kept, state.actor.obs_stats)
 
@@ -147,8 +151,7 @@ def reward_function(config: Config) -> Callable[[RewardParams, jax.Array, jax.Ar
     form = methods.resolve(config).reward_form
 
     def reward(learned: RewardParams, obs, action):
-        return discriminator.reward(
-            learned.params, normalize.normalize(learned.obs_stats, obs), action, form, config
-        )  # fmt: skip
+        seen = obs if config.reward_obs == "raw" else normalize.normalize(learned.obs_stats, obs)
+        return discriminator.reward(learned.params, seen, action, form, config)
 
     return reward

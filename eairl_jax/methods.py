@@ -74,5 +74,8 @@ def resolve(config: Config) -> Method:
     row = METHODS[config.method]
     reward_form = row.reward_form if config.reward_form == "default" else config.reward_form
     shaping = row.shaping if config.shaping == "default" else config.shaping
+    if config.shaping == "default" and reward_form == "separable" and shaping == "empowerment":
+        # g(s) has to explain every action by itself, and Phi is too flat to help it: h carries the value, as in AIRL.
+        shaping = "both"
     needs_phi = row.empowerment or shaping in ("empowerment", "both")
     return Method(row.summary, row.logit_expert_high, row.policy_reward, reward_form, shaping, needs_phi)

@@ -68,9 +68,9 @@ class PointMaze(MjxTask):
     """
 
     episode_length = 100
-    # Uniform over the arena [-0.1, 0.6]^2, both passages included.
+    # The arena [-0.1, 0.6]^2 becomes [-1, 1]^2, both passages included.
     obs_mean = (0.25, 0.25)
-    obs_std = (0.2, 0.2)
+    obs_std = (0.35, 0.35)
 
     def __init__(self, passage: str, solver_iterations: int = 1, line_search_iterations: int = 4):
         left, right = BARRIER[passage]

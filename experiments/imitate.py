@@ -22,6 +22,7 @@ from eairl_jax import (
     make_irl,
     save_reward,
 )
+from eairl_jax.config import choose
 from eairl_jax.methods import METHODS, resolve
 from eairl_jax.types import PyTree
 from envs.mjx_task import MjxTask
@@ -72,6 +73,8 @@ def prepare(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: 
     if seeds < 1:
         raise InputError(f"--seeds {seeds}: expected at least 1")
     env, overrides = make_env(task), parse_overrides(assignments)
+    for method in methods:
+        choose("method", method, METHODS)
     path = demos or shipped(task)
     data = demonstrations.load(path, task, env.observation_size, env.action_size)
     jobs = []

@@ -13,9 +13,9 @@ from experiments.training import console
 def command() -> None:
     """Prints a row a task."""
     table = Table(title="Tasks", title_justify="left")
-    columns = ("task", "observation", "action", "limit", "episode", "expert", "random", "what it is")
-    for name in columns:
-        table.add_column(name, justify="left" if name in ("task", "what it is") else "right", no_wrap=name == "task")
+    for name in ("task", "obs", "act", "action limit", "steps", "expert", "random"):
+        table.add_column(name, justify="left" if name == "task" else "right", no_wrap=True)
+    summaries = []
     for name in envs.TASKS:
         env = envs.make(name)
         try:
@@ -23,8 +23,9 @@ def command() -> None:
             scores = [f"{said['expert_return']:.2f}", f"{said['random_return']:.2f}"]
         except InputError:
             scores = ["-", "-"]
-        summary = (type(env).__doc__ or "").strip().splitlines()[0]
-        table.add_row(name, str(env.observation_size), str(env.action_size), f"±{env.action_limit:g}",
-                      f"{env.episode_length} steps", *scores, summary)  # fmt: skip
+        sizes = [env.observation_size, env.action_size, f"±{env.action_limit:g}", env.episode_length]
+        table.add_row(name, *map(str, sizes), *scores)
+        summaries.append(f"{name}: {(type(env).__doc__ or '').strip().splitlines()[0]}")
     console.print(table)
-    console.print("[dim]expert: mean true return of the demonstrator, sampled, over 500 episodes[/dim]")
+    console.print("\n".join(summaries))
+    console.print("[dim]expert: mean true return of the shipped demonstrator, sampled, over 500 episodes[/dim]")

@@ -1,4 +1,6 @@
-"""What the tests share: how jax is set up, a toy environment that compiles in no time, compiled steps of every method."""
+"""What the tests share: how jax is set up, a toy environment that compiles fast, compiled steps of every method."""
+
+# ruff: noqa: E402
 
 from __future__ import annotations
 
@@ -18,6 +20,8 @@ os.environ.setdefault("HYPOTHESIS_STORAGE_DIRECTORY", str(CACHE / "hypothesis"))
 jax.config.update("jax_num_cpu_devices", 2)
 jax.config.update("jax_compilation_cache_dir", str(CACHE))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+# The tests' programs run for milliseconds: compile them fast, not well.
+jax.config.update("jax_disable_most_optimizations", True)
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,11 +30,14 @@ from flax import struct
 from hypothesis import settings
 
 import eairl_jax
-from eairl_jax import Config, Demonstrations, HParams, Transition
+from eairl_jax import Config, Demonstrations, Transition
 
 # The first call compiles, so no deadline; the same examples every time.
 settings.register_profile("eairl_jax", deadline=None, derandomize=True, database=None)
 settings.load_profile("eairl_jax")
+
+SCALE = ((2.0, 0.0, 0.5, 1.5), (1.5, 1.0, 0.5, 0.25))  # of Toy's observations, mean and std
+
 
 @struct.dataclass
 class ToyState:
@@ -45,14 +52,16 @@ class Toy:
     """An environment that writes down what happened to it.
 
     Observation (4): steps since the reset, the two actions as they were executed, the episode's tag (random, in
-    [1, 2)). Reward: `-|executed - 0.5|^2`. Ends at step `ends_at`, if given.
+    [1, 2)). Reward: `-|executed - 0.5|^2`. Ends at step `ends_at`, if given. Declares a `scale` (mean, std), if given.
     """
 
     observation_size = 4
     action_size = 2
 
-    def __init__(self, ends_at: int | None = None, action_limit: float | None = None):
+    def __init__(self, ends_at: int | None = None, action_limit: float | None = None, scale: tuple | None = None):
         self.ends_at = ends_at
+        if scale is not None:
+            self.obs_mean, self.obs_std = scale
         if action_limit is not None:
             self.action_limit = action_limit
 
@@ -74,13 +83,20 @@ def toy():
 
 
 @pytest.fixture(scope="session")
+def scale():
+    """Mean and std that the `Toy` of `built` declares."""
+    return np.array(SCALE)
+
+
+@pytest.fixture(scope="session")
 def tiny():
     """Makes a `Config` of the smallest sizes that still have every loop and every axis."""
-    sizes = dict(
-        num_envs=4, rollout_length=6, episode_length=5, iterations=10, hidden=(8,), policy_hidden=(8,),
-        value_hidden=(8,), ppo_epochs=2, ppo_minibatches=2, history_length=1, discriminator_updates=2,
-        discriminator_batch=8, empowerment_updates=2, empowerment_batch=8, phi_sync_interval=2,
-    )  # fmt: skip
+    sizes = {
+        "num_envs": 4, "rollout_length": 6, "episode_length": 5, "iterations": 10, "hidden": (8,),
+        "policy_hidden": (8,), "value_hidden": (8,), "ppo_epochs": 2, "ppo_minibatches": 2, "history_length": 1,
+        "discriminator_updates": 2, "discriminator_batch": 8, "empowerment_updates": 2, "empowerment_batch": 8,
+        "phi_sync_interval": 2,
+    }  # fmt: skip
     return lambda **changes: Config(**(sizes | changes))
 
 
@@ -88,17 +104,20 @@ def tiny():
 def demos():
     """Three made-up expert episodes of five steps in `Toy`."""
     rng = np.random.default_rng(0)
-    draw = lambda *tail: rng.normal(size=(3, 5, *tail)).astype(np.float32)
-    return Demonstrations(draw(4), 0.5 + 0.1 * draw(2), draw(4), draw(), np.zeros((3, 5), np.float32))
+
+    def draw(*tail):
+        return jnp.asarray(rng.normal(size=(3, 5, *tail)), jnp.float32)
+
+    return Demonstrations(draw(4), 0.5 + 0.1 * draw(2), draw(4), draw(), jnp.zeros((3, 5)))
 
 
 @pytest.fixture(scope="session")
 def built(toy, tiny):
-    """`(algorithm, jitted init, jitted step)` of a method in `Toy`; compiled once a session."""
+    """`(algorithm, jitted init, jitted step)` of a method in a scaled `Toy`; compiled once a session."""
 
     @functools.cache
     def build(**changes):
-        algorithm = eairl_jax.make_irl(toy(ends_at=4), tiny(**changes))
+        algorithm = eairl_jax.make_irl(toy(ends_at=4, scale=SCALE), tiny(**changes))
         return algorithm, jax.jit(algorithm.init), jax.jit(algorithm.step)
 
     return build
@@ -108,7 +127,7 @@ def built(toy, tiny):
 def one_step(built, demos):
     """`(state before, state after, metrics)` of the first iteration of a method."""
 
-    def run(hparams=HParams(), seed=0, **changes):
+    def run(hparams, seed=0, **changes):
         _, init, step = built(**changes)
         before = init(jax.random.PRNGKey(seed), hparams)
         return before, *step(before, hparams, demos)
@@ -132,13 +151,32 @@ def mlp():
     return apply
 
 
+@pytest.fixture(scope="session")
+def numpy_reward(mlp):
+    """The reward of any form in NumPy: `(params of a discriminator, obs, action) -> [...]`."""
+
+    def apply(params, obs, action):
+        takes_action = params["g"]["params"]["MLP_0"]["Dense_0"]["kernel"].shape[0] > obs.shape[-1]
+        g = (mlp(params["g"], obs, action) if takes_action else mlp(params["g"], obs))[..., 0]
+        if "k" not in params:
+            return g
+        if "raw_cost" in params["k"]:
+            return g - np.log1p(np.exp(float(params["k"]["raw_cost"]))) * np.sum(np.asarray(action) ** 2, axis=-1)
+        return g + mlp(params["k"], action)[..., 0]
+
+    return apply
+
+
 @pytest.fixture
 def transitions():
     """Makes random `Transition`s `[T, N, ...]`, a tenth of them the last of an episode."""
 
     def make(length=6, num_envs=4, seed=0):
         rng = np.random.default_rng(seed)
-        draw = lambda *tail: rng.normal(size=(length, num_envs, *tail)).astype(np.float32)
+
+        def draw(*tail):
+            return rng.normal(size=(length, num_envs, *tail)).astype(np.float32)
+
         terminated = (rng.random((length, num_envs)) < 0.1).astype(np.float32)
         truncated = (rng.random((length, num_envs)) < 0.1) * (1 - terminated)
         return Transition(draw(4), draw(2), draw(), draw(4), draw(), terminated, truncated.astype(np.float32))

@@ -19,6 +19,8 @@ REFUSED = [
     {"value_hidden": (-4,)},
     {"activation": "gelu"},
     {"normalize_obs": "mean"},
+    {"reward_obs": "normal"},
+    {"action_part": "square"},
     {"reward_form": "separate"},
     {"shaping": "off"},
     {"inverse_loss": "mle"},

@@ -10,7 +10,9 @@ from eairl_jax import evaluate, random_policy
 
 @pytest.mark.parametrize(("ends_at", "counted"), [(None, 5), (3, 3)])
 def test_returns_stop_at_the_end_of_the_episode(toy, ends_at, counted):
-    act = lambda obs, key: jnp.stack([obs[:, 0], 3.0 - obs[:, 0]], axis=-1)
+    def act(obs, _key):
+        return jnp.stack([obs[:, 0], 3.0 - obs[:, 0]], axis=-1)
+
     returns, steps = evaluate(jax.random.PRNGKey(0), toy(ends_at), act, episodes=4, episode_length=5)
     t = np.arange(counted)
     executed = np.clip(np.stack([t, 3.0 - t], axis=-1), -1, 1)
@@ -26,7 +28,9 @@ def test_returns_stop_at_the_end_of_the_episode(toy, ends_at, counted):
 
 
 def test_keys_differ_between_steps_and_episodes(toy):
-    act = lambda obs, key: jax.random.normal(key, (obs.shape[0], 2))
+    def act(obs, key):
+        return jax.random.normal(key, (obs.shape[0], 2))
+
     _, steps = evaluate(jax.random.PRNGKey(0), toy(), act, episodes=3, episode_length=4)
     assert len(np.unique(steps["action"])) == 3 * 4 * 2
 

@@ -76,6 +76,6 @@ def test_lambda_1_is_the_return_minus_the_value_and_lambda_0_one_step(seed, gamm
 )
 def test_by_hand(end, expected):
     reward, value, next_value = [1.0, 2.0, 3.0], [2.0, 4.0, 1.0], [4.0, 8.0, 2.0]
-    flag = lambda name: np.array([0.0, float(end == name), 0.0])
-    columns = (np.array(x)[:, None] for x in (reward, value, next_value, flag("terminated"), flag("truncated")))
+    ends = ([0.0, float(end == name), 0.0] for name in ("terminated", "truncated"))
+    columns = (np.array(x)[:, None] for x in (reward, value, next_value, *ends))
     np.testing.assert_allclose(gae(*columns, 0.5, 0.5)[0][:, 0], expected, rtol=1e-6)

@@ -1,0 +1,57 @@
+# Every target works from a fresh clone: the virtual environment is made on the way.
+PYTHON ?= python3
+VENV ?= .venv
+BIN = $(VENV)/bin
+STAMP = $(VENV)/.installed
+
+.PHONY: help install demo test test-slow lint bench data clean
+
+help:
+	@echo "make demo       learn a reward in the left maze, use it in the right one (the main job)"
+	@echo "make test       the fast tests"
+	@echo "make test-slow  the tests that train to convergence"
+	@echo "make bench      what an iteration costs beside its simulation"
+	@echo "make data       train the experts and collect the shipped demonstrations anew"
+	@echo "make lint       ruff and pyright"
+
+$(STAMP): pyproject.toml constraints.txt
+	@echo "== making a virtual environment in $(VENV)"
+	@$(PYTHON) -m venv $(VENV)
+	@echo "== installing eairl_jax and the exact versions of constraints.txt (about 0.7 GB; a minute or two)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[test]"
+	@touch $(STAMP)
+	@echo "== installed"
+
+install: $(STAMP)
+
+demo: $(STAMP)
+	@echo "== EAIRL: a reward learned in the left maze, used in the right one; 5 seeds, two reward forms"
+	@$(BIN)/eairl transfer point_maze_left point_maze_right --method eairl --reward-form sa separable --seeds 5
+
+test: $(STAMP)
+	@echo "== the fast tests"
+	@$(BIN)/python -m pytest -m "not slow"
+
+test-slow: $(STAMP)
+	@echo "== the tests that train to convergence"
+	@$(BIN)/python -m pytest -m slow
+
+bench: $(STAMP)
+	@$(BIN)/eairl bench point_maze_left
+
+TASKS = pendulum point_maze_left point_maze_right
+data: $(STAMP)
+	@for task in $(TASKS); do \
+		$(BIN)/eairl expert $$task && \
+		$(BIN)/eairl demos $$task --out experiments/data/$$task.npz || exit 1; \
+	done
+
+lint: $(STAMP)
+	@echo "== installing ruff and pyright"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]"
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info

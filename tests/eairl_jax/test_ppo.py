@@ -1,0 +1,152 @@
+"""The policy's update against plain policy gradients and NumPy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+from eairl_jax import HParams, optimize
+from eairl_jax.gae import gae
+from eairl_jax.ppo import ppo, scale_rewards, shuffle
+from eairl_jax.types import no_penalty
+
+HPARAMS = HParams(max_grad_norm=1e9, entropy_weight=0.0)
+
+
+@pytest.fixture
+def problem(tiny, transitions):
+    """`(optimizer, policy, batch)`: random transitions whose actions the policy drew."""
+
+    def make(**changes):
+        optimizer = ppo(4, 2, tiny(**changes))
+        policy = optimizer.init(jax.random.PRNGKey(0))
+        batch = jax.tree.map(jnp.asarray, transitions())
+        pi = optimizer.distribution(policy, batch.obs)
+        action = pi.sample(batch.action)
+        return optimizer, policy, batch._replace(action=action, log_prob=pi.log_prob(action))
+
+    return make
+
+
+def test_distribution_is_a_gaussian_of_the_actors_network(problem, mlp):
+    optimizer, policy, batch = problem()
+    pi = optimizer.distribution(policy, batch.obs)
+    np.testing.assert_allclose(pi.mean, mlp(policy.nets.params["actor"], batch.obs), atol=1e-5)
+
+
+def test_the_first_step_is_the_plain_policy_gradient(problem, mlp):
+    """At ratio 1 PPO's objective has REINFORCE's gradient, and Adam's first step is lr times its sign."""
+    optimizer, policy, batch = problem(ppo_epochs=1, ppo_minibatches=1)
+    after, _ = jax.jit(lambda p: optimizer.update(jax.random.PRNGKey(1), p, batch, no_penalty, (), HPARAMS))(policy)
+    critic = policy.nets.params["critic"]
+    value, next_value = (mlp(critic, x)[..., 0].astype(np.float32) for x in (batch.obs, batch.next_obs))
+    _, reward = scale_rewards(policy, batch.reward, batch.terminated + batch.truncated, HPARAMS.gamma)
+    advantage, target = gae(reward, value, next_value, batch.terminated, batch.truncated, 0.99, 0.95)
+    advantage = (advantage - advantage.mean()) / advantage.std()
+
+    def reinforce(nets):
+        params = policy.nets.params | nets
+        pi = optimizer.distribution(policy.replace(nets=optimize.start(params)), batch.obs)
+        return -(advantage * pi.log_prob(batch.action)).mean()
+
+    gradient = jax.grad(reinforce)({"actor": policy.nets.params["actor"]})["actor"]
+    moved = jax.tree.map(lambda a, b: (a - b) / -1e-3, after.nets.params["actor"], policy.nets.params["actor"])
+    compared = 0
+    for g, step in zip(jax.tree.leaves(gradient), jax.tree.leaves(moved), strict=True):
+        clear = np.abs(g) > 1e-5
+        compared += clear.sum()
+        np.testing.assert_allclose(step[clear], np.sign(g)[clear], atol=0.02)
+    assert compared > 30
+    bias = after.nets.params["critic"]["params"]["MLP_0"]["Dense_1"]["bias"]
+    np.testing.assert_allclose(bias[0] / 1e-3, np.sign((target - value).mean()), atol=0.02)
+
+
+def test_the_ratio_is_clipped(problem):
+    """Where the ratio has left the trust region in its advantage's direction, no gradient pulls it further."""
+    optimizer, policy, batch = problem(ppo_epochs=1, ppo_minibatches=1)
+    gone = batch._replace(log_prob=batch.log_prob - 1.0)  # every ratio is e
+    update = jax.jit(lambda b, h: optimizer.update(jax.random.PRNGKey(1), policy, b, no_penalty, (), h)[1])
+    loose, tight = (update(gone, HPARAMS.replace(clip_eps=eps))["policy_loss"] for eps in (1e6, 0.2))
+    # With advantages of mean 0, mean(e A) = 0 unclipped, and min(e A, 1.2 A) = 1.2 A where A > 0, e A where A < 0.
+    np.testing.assert_allclose(loose, 0.0, atol=1e-5)
+    one_half = (tight - loose) / (np.e - 1.2)  # mean of A's positive part
+    assert 0.2 < one_half < 0.6  # 0.4 for a Gaussian; 0.5 at most at std 1
+
+
+def test_the_metrics_are_what_their_names_say(problem):
+    optimizer, policy, batch = problem()
+    update = jax.jit(lambda p, h: optimizer.update(jax.random.PRNGKey(1), p, batch, no_penalty, (), h))
+    after, metrics = update(policy, HPARAMS.replace(policy_lr=0.01))
+    p, q = (optimizer.distribution(x, batch.obs) for x in (policy, after))
+    ratio = np.exp(p.log_std - q.log_std)
+    kl = (0.5 * (ratio**2 + ((p.mean - q.mean) / np.exp(q.log_std)) ** 2 - 1) - np.log(ratio)).sum(-1).mean()
+    assert kl > 1e-4
+    np.testing.assert_allclose(metrics["kl"], kl, rtol=1e-2)
+    still, metrics = update(policy, HPARAMS.replace(policy_lr=0.0))
+    entropy = stats.norm.entropy(scale=np.exp(p.log_std)).sum(-1).mean()
+    np.testing.assert_allclose(metrics["entropy"], entropy, rtol=1e-5)
+    np.testing.assert_allclose(metrics["kl"], 0.0, atol=1e-6)
+    np.testing.assert_allclose(metrics["policy_loss"], 0.0, atol=1e-5)
+    jax.tree.map(np.testing.assert_array_equal, still.nets.params, policy.nets.params)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_entropy_bonus_reaches_the_policy(problem, sign):
+    optimizer, policy, batch = problem()
+    hparams = HPARAMS.replace(entropy_weight=10.0 * sign)
+    update = jax.jit(lambda p: optimizer.update(jax.random.PRNGKey(1), p, batch, no_penalty, (), hparams)[0])
+    assert (sign * update(policy).nets.params["actor"]["params"]["raw_log_std"] > 1e-3).all()
+
+
+def test_the_penalty_is_a_cost_on_log_pi(problem):
+    """What costs becomes less likely: actions that point one way cost, those that point the other way earn."""
+    optimizer, policy, batch = problem()
+    weight = 10.0 * jnp.sign(batch.action[..., 0])
+    update = jax.jit(lambda p: optimizer.update(jax.random.PRNGKey(1), p, batch, jnp.multiply, weight, HPARAMS)[0])
+    before, after = (optimizer.distribution(p, batch.obs) for p in (policy, update(policy)))
+    assert (after.mean[..., 0] < before.mean[..., 0]).all()
+    assert (weight * (after.log_prob(batch.action) - before.log_prob(batch.action))).mean() < 0
+
+
+def test_penalty_data_stays_with_its_transition(problem):
+    optimizer, policy, batch = problem(ppo_epochs=3, ppo_minibatches=4)
+    seen = []
+
+    def penalty(log_prob, own):
+        jax.debug.callback(lambda *x: seen.append(x), log_prob, own)
+        return jnp.zeros_like(log_prob)
+
+    hparams = HPARAMS.replace(policy_lr=0.0)
+    jax.block_until_ready(
+        jax.jit(lambda p: optimizer.update(jax.random.PRNGKey(1), p, batch, penalty, batch.log_prob, hparams))(policy)
+    )
+    jax.effects_barrier()
+    assert len(seen) == 12
+    for log_prob, own in seen:
+        np.testing.assert_allclose(log_prob, own, atol=1e-5)
+
+
+def test_shuffle_takes_every_row_once_an_epoch_in_a_new_order():
+    rows = np.asarray(shuffle(jax.random.PRNGKey(0), 24, 3, 4))
+    assert rows.shape == (12, 6)
+    epochs = rows.reshape(3, 24)
+    np.testing.assert_array_equal(np.sort(epochs), np.tile(np.arange(24), (3, 1)))
+    assert len({tuple(epoch) for epoch in epochs}) == 3
+
+
+def test_rewards_are_divided_by_the_running_std_of_the_discounted_return(problem, transitions):
+    _, policy, _ = problem()
+    expected_var = 0.0
+    for i in range(1, 14):
+        x = transitions(seed=i)
+        done = x.terminated + x.truncated
+        policy, scaled = scale_rewards(policy, jnp.asarray(x.reward), jnp.asarray(done), 0.9)
+        total, totals = np.zeros(4), np.zeros((6, 4))
+        for t in range(6):
+            totals[t] = total = x.reward[t] + 0.9 * total
+            total = np.where(done[t] > 0, 0.0, total)
+        # A plain mean over the first ten iterations, then a memory of ten.
+        weight = 1 / min(i, 10)
+        expected_var = (1 - weight) * expected_var + weight * totals.var()
+        np.testing.assert_allclose(scaled, x.reward / np.sqrt(expected_var), rtol=1e-4)

@@ -1,0 +1,38 @@
+"""PPO learns what the reward says, its own or another."""
+
+import functools
+
+import jax
+import numpy as np
+import pytest
+
+from eairl_jax import HParams, InputError, make_rl, scan
+
+
+def towards(data, batch):
+    """A reward that wants the actions at `data`."""
+    return -((batch.action - data) ** 2).sum(axis=-1)
+
+
+@pytest.mark.parametrize(("reward", "wanted"), [(None, 0.5), (towards, -0.5)], ids=["true reward", "learned reward"])
+def test_the_policy_goes_where_the_reward_is(toy, tiny, reward, wanted):
+    config = tiny(num_envs=32, rollout_length=10, iterations=60, ppo_epochs=4, ppo_minibatches=4,
+                  policy_hidden=(32, 32), value_hidden=(32, 32), activation="tanh")  # fmt: skip
+    algorithm = make_rl(toy(), config, reward) if reward else make_rl(toy(), config)
+    hparams = HParams(policy_lr=3e-3)
+    run = jax.jit(functools.partial(scan, algorithm, length=60))
+    state, metrics = run(algorithm.init(jax.random.PRNGKey(0), hparams), hparams, np.float32(wanted))
+    assert state.actor.iteration == 60
+    obs = state.actor.rollout.env.obs
+    np.testing.assert_allclose(algorithm.act(state, obs, None), np.full((32, 2), wanted), atol=0.15)
+    assert np.std(algorithm.act(state, obs, jax.random.PRNGKey(1)) - wanted) > 0.01
+    assert metrics["policy_reward"][-1] > 0.3 * metrics["policy_reward"][0]
+    # The score is the environment's own return over five steps, whatever was trained on.
+    np.testing.assert_allclose(metrics["true_return"][-1], -5 * 2 * (wanted - 0.5) ** 2, atol=1.0)
+
+
+def test_observations_that_are_not_flat_are_refused(toy, tiny):
+    env = toy()
+    env.observation_size = {"state": 4}
+    with pytest.raises(InputError, match="flat vector"):
+        make_rl(env, tiny()).init(jax.random.PRNGKey(0), HParams())

@@ -1,0 +1,94 @@
+"""Lanes against a Python loop over single runs."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from eairl_jax import Algorithm, HParams, Lanes, scan
+
+SWEEP = HParams(
+    lambda_i=np.array([0.0, 0.5, 2.0]), policy_lr=np.array([1e-3, 5e-3, 1e-4]), phi_lr=np.array([0.0, 0.01, 0.1])
+)
+
+
+def walk(key, hparams):
+    return {"noise": jax.random.normal(key), "total": jnp.zeros((2,)), "beta": hparams.beta * 1.0}
+
+
+def stride(state, hparams, data):
+    total = state["total"] + hparams.gamma * state["noise"] + data["gain"] * data["vector"]
+    return state | {"total": total}, {"total": total}
+
+
+WALK = Algorithm(walk, stride, lambda state, obs, key: obs)
+DATA = {"gain": np.float32(2.0), "vector": np.array([1.0, -1.0], np.float32)}
+
+
+def keys(count):
+    return jax.random.split(jax.random.PRNGKey(3), count)
+
+
+def test_a_sweep_of_eairl_equals_a_loop_over_its_lanes(built, demos):
+    """Three lanes, which do not divide two devices."""
+    algorithm, init, step = built()
+    lanes = Lanes(algorithm, keys(3), SWEEP, demos)
+    state, metrics = lanes.run(lanes.init(), 2)
+    state = lanes.take(state)
+    assert metrics["policy_reward"].shape == (3, 2)
+    for lane in range(3):
+        hparams = jax.tree.map(lambda x, lane=lane: float(x[lane] if np.ndim(x) else x), SWEEP)
+        alone, by_hand = init(keys(3)[lane], hparams), []
+        for _ in range(2):
+            alone, metric = step(alone, hparams, demos)
+            by_hand.append(metric)
+        for name, value in metrics.items():
+            np.testing.assert_allclose(value[lane], [m[name] for m in by_hand], rtol=1e-3, atol=1e-4, err_msg=name)
+        jax.tree.map(lambda a, b, lane=lane: np.testing.assert_allclose(a[lane], b, rtol=1e-3, atol=1e-4), state, alone)
+    weights = state.actor.policy.nets.params["actor"]["params"]["MLP_0"]["Dense_1"]["kernel"]
+    assert np.abs(weights[0] - weights[1]).max() > 1e-4
+
+
+@pytest.mark.parametrize("per_lane", [False, True])
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_lanes_have_their_own_key_settings_and_data(count, per_lane):
+    gamma = np.arange(1.0, count + 1)
+    data = jax.tree.map(lambda x: np.stack([x * (i + 1) for i in range(count)]), DATA) if per_lane else DATA
+    lanes = Lanes(WALK, keys(count), HParams(gamma=gamma, beta=0.5), data, data_per_lane=per_lane)
+    state, metrics = lanes.run(lanes.init(), 4)
+    state = lanes.take(state)
+    noise = np.array([jax.random.normal(key) for key in keys(count)])
+    scale = gamma**2 if per_lane else np.ones(count)  # gain and vector were both scaled
+    stride = (gamma * noise)[:, None] + scale[:, None] * np.array([2.0, -2.0])
+    np.testing.assert_allclose(metrics["total"], np.arange(1, 5)[None, :, None] * stride[:, None], rtol=1e-5)
+    np.testing.assert_allclose(state["total"], 4 * stride, rtol=1e-5)
+    np.testing.assert_allclose(state["beta"], np.full(count, 0.5))
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_what_was_taken_can_be_put_back(count):
+    lanes = Lanes(WALK, keys(count), HParams(), DATA)
+    state, _ = lanes.run(lanes.init(), 1)
+    taken = lanes.take(state)
+    assert all(isinstance(leaf, np.ndarray) and len(leaf) == count for leaf in jax.tree.leaves(taken))
+    on, _ = lanes.run(lanes.put(taken), 2)
+    straight, _ = lanes.run(lanes.init(), 3)
+    np.testing.assert_allclose(lanes.take(on)["total"], lanes.take(straight)["total"], rtol=1e-6)
+
+
+def test_a_chunk_is_compiled_once():
+    lanes = Lanes(WALK, keys(2), HParams(), DATA)
+    state = lanes.init()
+    assert lanes.compile(state, 3) > 0
+    assert lanes.compile(state, 3) == 0
+    assert lanes.compile(state, 2) > 0
+
+
+def test_scan_equals_a_loop():
+    hparams = HParams(gamma=0.25)
+    state, metrics = scan(WALK, walk(jax.random.PRNGKey(0), hparams), hparams, DATA, 3)
+    by_hand = walk(jax.random.PRNGKey(0), hparams)
+    for i in range(3):
+        by_hand, metric = stride(by_hand, hparams, DATA)
+        np.testing.assert_allclose(metrics["total"][i], metric["total"], rtol=1e-6)
+    np.testing.assert_allclose(state["total"], by_hand["total"], rtol=1e-6)

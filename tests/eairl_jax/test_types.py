@@ -1,0 +1,19 @@
+"""Rates over the length of a run."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from eairl_jax import HParams
+
+
+@pytest.mark.parametrize(("progress", "lr"), [(0.0, 0.4), (0.5, 0.22), (1.0, 0.04), (3.0, 0.04)])
+def test_annealed_rates_fall_in_a_line_to_their_end_and_stay_there(progress, lr):
+    hparams = HParams(policy_lr=0.4, policy_lr_end=0.1, entropy_weight=0.1, phi_lr=0.7).at(jnp.asarray(progress))
+    np.testing.assert_allclose([hparams.policy_lr, hparams.entropy_weight], [lr, 0.1], rtol=1e-6)
+    assert hparams.phi_lr == 0.7
+
+
+def test_entropy_is_annealed_on_its_own():
+    hparams = HParams(policy_lr=0.4, entropy_weight=0.1, entropy_end=0.0).at(jnp.asarray(0.75))
+    np.testing.assert_allclose([hparams.policy_lr, hparams.entropy_weight], [0.4, 0.025], rtol=1e-6)

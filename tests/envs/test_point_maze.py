@@ -1,0 +1,111 @@
+"""The maze against MuJoCo's own engine at full precision, and its passages."""
+
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+import envs
+from envs.mjx_task import Physics
+from envs.point_maze import GOAL, START
+
+LENGTH = 300
+PUSHES, RANDOM = slice(0, 8), slice(8, 14)  # the scripts below that push steadily, and those drawn at random
+
+
+def scripts():
+    """Forces `[script, LENGTH, 2]`: into every wall, two corners, the barrier, along the barrier, and at random."""
+    rng, t = np.random.default_rng(0), np.arange(LENGTH)
+    pushes = np.array([(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1)], np.float32)
+    steady = [np.tile(push, (LENGTH, 1)) for push in pushes]
+    sliding = [np.stack([sign * 0.6 * np.sin(t / 20), np.full(LENGTH, 0.7)], axis=-1) for sign in (-1, 1)]
+    held = [np.repeat(rng.uniform(-1.5, 1.5, size=(LENGTH // 15, 2)), 15, axis=0) for _ in range(6)]
+    return np.stack(steady + sliding + held).astype(np.float32)
+
+
+def c_engine(env, forces):
+    """Positions `[LENGTH, 2]` by MuJoCo's C engine, from the start at rest."""
+    data = mujoco.MjData(env.model)
+    data.qpos[:] = START
+    positions = []
+    for force in forces:
+        data.ctrl[:] = force(data) if callable(force) else force
+        mujoco.mj_step(env.model, data, nstep=env.frame_skip)
+        positions.append(data.qpos.copy())
+    return np.array(positions)
+
+
+@pytest.fixture(scope="module", params=["left", "right"])
+def played(request):
+    """The scripts played in one maze: by us `position`, `reward`; by the C engine at full precision `exact`."""
+    env = envs.make(f"point_maze_{request.param}")
+
+    def episode(forces):
+        state = env.reset(jax.random.PRNGKey(0))
+        state = state.replace(pipeline_state=Physics(jnp.array(START), jnp.zeros(2), jnp.zeros(2)))
+
+        def step(state, force):
+            state = env.step(state, force)
+            return state, (state.obs, state.reward)
+
+        return jax.lax.scan(step, state, forces)[1]
+
+    position, reward = jax.tree.map(np.asarray, jax.jit(jax.vmap(episode))(scripts()))
+    full = envs.make(f"point_maze_{request.param}", solver_iterations=100, line_search_iterations=50)
+    assert (full.model.opt.iterations, full.model.opt.ls_iterations) == (100, 50)
+    exact = np.stack([c_engine(full, forces) for forces in scripts()])
+    return SimpleNamespace(position=position, reward=reward, exact=exact)
+
+
+def test_positions_are_the_c_engines(played):
+    error = np.linalg.norm(played.position - played.exact, axis=-1)
+    assert error[PUSHES].max() < 0.002
+    # Thrown at random into walls and barrier at full speed, one Newton step leaves a third of the radius at most.
+    assert error[RANDOM].max() < 0.01
+    assert (error[RANDOM] > 0.002).mean() < 0.1
+    assert np.median(error) < 1e-5
+
+
+def test_walls_and_barrier_hold(played):
+    # The point's radius is 0.03, and a wall gives way a little when it is hit.
+    assert played.position.min() > -0.1 + 0.02
+    assert played.position.max() < 0.6 - 0.02
+    west, east, south, north = played.position[:4, -1]
+    np.testing.assert_allclose([west[0], east[0], south[1]], [-0.07, 0.57, -0.07], atol=0.001)
+    # Straight ahead stands the barrier, of radius 0.02, in both mazes.
+    np.testing.assert_allclose(north[1], 0.3 - 0.02 - 0.03, atol=0.001)
+
+
+def test_reward_is_of_the_position_before_and_the_clipped_action(played):
+    forces = scripts()
+    assert np.abs(forces).max() > 1.4
+    start = np.broadcast_to(np.array(START, np.float32), (len(forces), 1, 2))
+    before = np.concatenate([start, played.position[:, :-1]], axis=1)
+    expected = -np.linalg.norm(before - [0.3, 0.5], axis=-1) - 0.001 * (np.clip(forces, -1, 1) ** 2).sum(axis=-1)
+    np.testing.assert_allclose(played.reward, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(("passage", "way", "passes"), [
+    ("left", "left", True), ("left", "right", False), ("right", "left", False), ("right", "right", True),
+])  # fmt: skip
+def test_the_barrier_can_be_passed_on_the_named_side_alone(passage, way, passes):
+    x = {"left": 0.05, "right": 0.5}[way]
+    waypoints = np.repeat([(x, 0.1), (x, 0.5), GOAL], 33, axis=0)
+    # A spring to the waypoint and a brake; the engine clips the force.
+    steer = [lambda data, w=w: 20 * (w - data.qpos) - 2 * data.qvel for w in waypoints]
+    path = c_engine(envs.make(f"point_maze_{passage}"), steer)
+    if passes:
+        np.testing.assert_allclose(path[-1], GOAL, atol=0.02)
+    else:
+        assert path[:, 1].max() < 0.26
+
+
+def test_episodes_start_in_the_middle_almost_at_rest():
+    env = envs.make("point_maze_left")
+    state = jax.vmap(env.reset)(jax.random.split(jax.random.PRNGKey(0), 500))
+    np.testing.assert_allclose(state.obs, np.tile([0.3, 0.0], (500, 1)), atol=1e-7)
+    speed = np.asarray(state.pipeline_state.qvel)
+    np.testing.assert_allclose([speed.min(), speed.max()], [-0.01, 0.01], atol=0.001)

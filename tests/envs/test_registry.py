@@ -1,0 +1,31 @@
+"""The table of tasks."""
+
+import pytest
+
+import envs
+
+
+@pytest.mark.parametrize("name", envs.TASKS)
+def test_every_task_can_be_made_by_name(name):
+    env = envs.make(name)
+    assert (env.observation_size, env.action_size) == {"pendulum": (3, 1)}.get(name, (2, 2))
+
+
+@pytest.mark.parametrize(
+    ("name", "nearest"),
+    [("pendulm", "pendulum"), ("point_maze_rigth", "point_maze_right"), ("PointMaze-left", "point_maze_left")],
+)
+def test_an_unknown_name_is_answered_with_the_nearest(name, nearest):
+    with pytest.raises(envs.UnknownTask, match=f"unknown task '{name}'; did you mean {nearest}") as e:
+        envs.make(name)
+    assert all(task in str(e.value) for task in envs.TASKS)
+
+
+def test_settings_reach_the_task():
+    assert envs.make("point_maze_left", solver_iterations=7).model.opt.iterations == 7
+    assert envs.make("point_maze_left").model.opt.iterations != 7
+
+
+def test_the_table_cannot_be_changed_by_accident():
+    with pytest.raises(TypeError):
+        envs.TASKS["new"] = None

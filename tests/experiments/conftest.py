@@ -1,0 +1,27 @@
+"""Small settings that every command can be driven with in seconds."""
+
+import pytest
+
+TINY = (
+    "num_envs=2",
+    "rollout_length=20",
+    "ppo_epochs=1",
+    "ppo_minibatches=1",
+    "hidden=4",
+    "policy_hidden=4",
+    "value_hidden=4",
+    "history_length=1",
+    "discriminator_updates=1",
+    "discriminator_batch=8",
+    "empowerment_updates=1",
+    "empowerment_batch=8",
+    "iterations=4",
+    "snapshot_every=2",
+)
+
+
+@pytest.fixture
+def tiny(monkeypatch):
+    """`--set` arguments of a tiny run; evaluations are a few episodes."""
+    monkeypatch.setattr("experiments.training.EVALUATION_EPISODES", 2)
+    return TINY
