@@ -19,8 +19,7 @@ from eairl_jax.reward import LearnedReward, load_reward, save_reward
 from eairl_jax.rl import make_rl
 from eairl_jax.train import Lanes, scan
 from eairl_jax.types import Algorithm, Demonstrations, HParams, Transition
-
-from eairl_jax.version import __version__  # noqa: E402
+from eairl_jax.version import __version__
 
 __all__ = [
     "METHODS",

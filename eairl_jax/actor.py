@@ -14,7 +14,6 @@ from eairl_jax.gaussian import Gaussian
 from eairl_jax.types import Env, Key, PolicyOptimizer, PyTree, Transition
 
 
-
 @struct.dataclass
 class Actor:
     """A policy, its environments and its normaliser: what every algorithm's state holds.

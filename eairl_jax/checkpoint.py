@@ -28,6 +28,7 @@ class Checkpoints:
         self._ocp = ocp
         self._manager = ocp.CheckpointManager(
             Path(directory).resolve(),
+            item_handlers=ocp.StandardCheckpointHandler(),  # so that what is on disk can be asked before it is read
             options=ocp.CheckpointManagerOptions(
                 max_to_keep=KEPT, enable_async_checkpointing=False, cleanup_tmp_directories=True
             ),
@@ -49,8 +50,13 @@ class Checkpoints:
           InputError: if what was saved has another structure.
         """
         template = named_leaves(like)
+        expected = {name: leaf.shape for name, leaf in template.items()}
+        on_disk = {name: tuple(leaf.shape) for name, leaf in self._manager.item_metadata(iteration).items()}
+        for name in expected | on_disk:
+            if expected.get(name) != on_disk.get(name):
+                raise InputError(
+                    f"checkpoint {iteration} does not fit these settings: {name} has shape {on_disk.get(name)} on disk, "
+                    f"expected {expected.get(name)}"
+                )
         saved = self._manager.restore(iteration, args=self._ocp.args.StandardRestore(template))
-        for name, leaf in template.items():
-            if name not in saved or np.shape(saved[name]) != np.shape(leaf):
-                raise InputError(f"checkpoint {iteration} does not fit these settings: {name} differs")
         return jax.tree.unflatten(jax.tree.structure(like), [np.asarray(saved[name]) for name in template])

@@ -55,11 +55,13 @@ def load(
     sizes = {"obs": obs_size or demos.obs.shape[2], "action": action_size or demos.action.shape[2]}
     tails = {"obs": (sizes["obs"],), "action": (sizes["action"],), "next_obs": (sizes["obs"],)}
     for name, x in demos._asdict().items():
-        if not np.issubdtype(x.dtype, np.number):
+        if x.dtype.kind not in "biuf":
             raise InputError(f"{path}: {name} holds {x.dtype}, not numbers")
         expected = leading + tails.get(name, ())
         if x.shape != expected:
             raise InputError(f"{path}: {name} has shape {x.shape}, expected {expected}")
+        with np.errstate(over="ignore"):
+            x = x.astype(np.float32)
         if not np.isfinite(x).all():
             episode, step = np.argwhere(~np.isfinite(x))[0][:2]
             raise InputError(f"{path}: {name} is NaN or infinite at episode {episode}, step {step}: collect it again")

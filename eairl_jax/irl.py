@@ -51,7 +51,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
       InputError: for an unknown method, or an environment without flat observations.
     """
     method = methods.resolve(config)
-    obs_size, action_size = env.observation_size, env.action_size
+    obs_size, action_size = normalize.flat_size(env), env.action_size
     optimizer = ppo(obs_size, action_size, config)
 
     def init(key: Key, hparams: HParams) -> IRLState:
@@ -61,7 +61,9 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         return IRLState(
             key=key,
             actor=actor.init(actor_key, env, optimizer, config),
-            empowerment=empowerment.init(empowerment_key, obs_size, action_size, config) if method.empowerment else None,
+            empowerment=empowerment.init(empowerment_key, obs_size, action_size, config)
+            if method.empowerment
+            else None,
             discriminator=optimize.start(fresh),
             history=history.empty(obs_size, action_size, config),
         )

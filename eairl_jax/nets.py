@@ -60,14 +60,15 @@ class GaussianMLP(nn.Module):
         return Gaussian(mean, jnp.broadcast_to(self.log_std(raw), mean.shape))
 
     def log_std(self, raw: jax.Array) -> jax.Array:
-        """`log_std_init` at 0, the identity around it, never above `log_std_max` nor below `log_std_min`.
+        """`log_std_init` at 0, slope 1 there, never above `log_std_max` nor below `log_std_min`.
 
         The upper bound matters: what is executed is clipped, log pi is not, so an adversarial reward pays a
         policy for entropy that costs it nothing, and an unbounded std runs away.
         """
         low, high, start = self.config.log_std_min, self.config.log_std_max, self.config.log_std_init
-        centred = raw + high - math.log(math.expm1(high - start))
-        return low + jax.nn.softplus(high - jax.nn.softplus(high - centred) - low)
+        part = (start - low) / (high - low)
+        steepness = 1.0 / ((high - low) * part * (1.0 - part))
+        return low + (high - low) * jax.nn.sigmoid(steepness * raw + math.log(part / (1.0 - part)))
 
 
 def scalar(config: Config) -> Scalar:

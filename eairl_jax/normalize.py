@@ -34,13 +34,23 @@ def initial(env: Env, mode: str) -> ObsStats:
     Raises:
       InputError: if the environment's observations are not one flat vector.
     """
-    size = env.observation_size
-    if not isinstance(size, int):
-        raise InputError(f"observation_size is {size!r}: eairl_jax needs flat vector observations; flatten them first")
+    size = flat_size(env)
     mean, var = jnp.zeros(size), jnp.ones(size)
     if mode == "task" and hasattr(env, "obs_mean"):
         mean, var = jnp.asarray(env.obs_mean), jnp.asarray(env.obs_std) ** 2  # pyright: ignore
     return ObsStats(mean, var, jnp.zeros(()))
+
+
+def flat_size(env: Env) -> int:
+    """The length of an environment's observations.
+
+    Raises:
+      InputError: if they are not one flat vector.
+    """
+    size = env.observation_size
+    if not isinstance(size, int):
+        raise InputError(f"observation_size is {size!r}: eairl_jax needs flat vector observations; flatten them first")
+    return size
 
 
 def normalize(stats: ObsStats, obs: jax.Array) -> jax.Array:

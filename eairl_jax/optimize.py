@@ -65,7 +65,7 @@ def fit(
 
 def draw(key: jax.Array, data: PyTree, axes: int, updates: int, batch: int) -> PyTree:
     """Draws minibatches `[updates, batch, ...]` with replacement from data whose first `axes` axes are samples."""
-    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[axes:]), data)
+    flat = jax.tree.map(lambda x: jnp.asarray(x).reshape(-1, *x.shape[axes:]), data)
     size = jax.tree.leaves(flat)[0].shape[0]
     index = jax.random.randint(key, (updates, batch), 0, size)
     return jax.tree.map(lambda x: x[index], flat)

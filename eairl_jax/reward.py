@@ -37,6 +37,9 @@ class LearnedReward:
         """
         obs, action = jnp.asarray(obs), jnp.asarray(action)
         self.check_sizes(obs.shape[-1], action.shape[-1], "this call")
+        rows = jax.tree.leaves(self.params)[0].shape[0]
+        if not -rows <= seed < rows:
+            raise InputError(f"this reward has {rows} rows, one a seed of its run: there is no row {seed}")
         return self._function(jax.tree.map(lambda leaf: jnp.asarray(leaf)[seed], self.params), obs, action)
 
     def check_sizes(self, obs_size: int, action_size: int, where: str) -> None:
@@ -75,8 +78,16 @@ def load_reward(directory: Path | str, obs_size: int | None = None, action_size:
     description = artefact.read_json(directory / "reward.json")
     if description.pop("kind", None) != KIND:
         raise InputError(f"{directory / 'reward.json'} does not describe a learned reward")
+    missing = {"task", "obs_size", "action_size", "config"} - set(description)
+    if missing:
+        raise InputError(f"{directory / 'reward.json'} lacks {', '.join(sorted(missing))}: save the reward anew")
     settings = {k: tuple(v) if isinstance(v, list) else v for k, v in description.pop("config").items()}
+    unknown = set(settings) - {field.name for field in dataclasses.fields(Config)}
+    if unknown:
+        raise InputError(f"{directory / 'reward.json'} has settings that this version does not know: {unknown}")
     tree = artefact.nested(artefact.read_arrays(directory / "reward.npz"))
+    if "params" not in tree or set(tree.get("obs_stats", ())) != {"mean", "var", "count"}:
+        raise InputError(f"{directory / 'reward.npz'} does not hold a reward and its normaliser: save it anew")
     params = irl.RewardParams(tree["params"], ObsStats(**tree["obs_stats"]))
     reward = LearnedReward(description, Config(**settings), params)
     if obs_size is not None and action_size is not None:

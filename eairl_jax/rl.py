@@ -7,7 +7,7 @@ from collections.abc import Callable
 import jax
 from flax import struct
 
-from eairl_jax import actor
+from eairl_jax import actor, normalize
 from eairl_jax.config import Config
 from eairl_jax.ppo import ppo
 from eairl_jax.types import Algorithm, Env, HParams, Key, PyTree, Transition, no_penalty
@@ -36,7 +36,7 @@ def make_rl(
     Raises:
       InputError: for an environment without flat observations.
     """
-    optimizer = ppo(env.observation_size, env.action_size, config)
+    optimizer = ppo(normalize.flat_size(env), env.action_size, config)
 
     def init(key: Key, hparams: HParams) -> RLState:
         del hparams  # no rate is part of the state

@@ -32,7 +32,7 @@ class RolloutState:
 def reset(key: Key, env: Env, num_envs: int) -> RolloutState:
     """Starts an episode in each of `num_envs` environments."""
     states = jax.vmap(env.reset)(jax.random.split(key, num_envs))
-    return RolloutState(states, jnp.zeros(num_envs, jnp.int32), jnp.zeros(num_envs), jnp.full((), jnp.nan))
+    return RolloutState(states, jnp.zeros(num_envs, jnp.int32), jnp.zeros(num_envs), jnp.full((), jnp.nan, jnp.float32))
 
 
 def action_limit(env: Env) -> float:
@@ -77,9 +77,7 @@ def rollout(
         steps, episode_return = steps + 1, episode_return + stepped.reward
         terminated = stepped.done.astype(jnp.float32)
         truncated = (steps >= episode_length) * (1.0 - terminated)
-        transition = Transition(
-            obs, action, pi.log_prob(action), stepped.obs, stepped.reward, terminated, truncated
-        )
+        transition = Transition(obs, action, pi.log_prob(action), stepped.obs, stepped.reward, terminated, truncated)
         ended = (terminated + truncated) > 0
         env_state = jax.tree.map(lambda new, old: _where(ended, new[picks_t], old), fresh, stepped)
         carry = env_state, jnp.where(ended, 0, steps), jnp.where(ended, 0.0, episode_return)

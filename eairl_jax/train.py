@@ -51,7 +51,8 @@ class Lanes:
         self._algorithm = algorithm
         self._rows = np.minimum(np.arange(-(-self.count // len(devices)) * len(devices)), self.count - 1)
         mesh = Mesh(np.array(devices), (LANES,))
-        self._lane_spec, self._data_spec = PartitionSpec(LANES), PartitionSpec(LANES if data_per_lane else None)
+        self._lane_spec = PartitionSpec(LANES)
+        self._data_spec = self._lane_spec if data_per_lane else PartitionSpec()
         self._mesh, self._data_axis = mesh, 0 if data_per_lane else None
         self._sharding = NamedSharding(mesh, self._lane_spec)
         hparams = jax.tree.map(lambda x: jnp.broadcast_to(jnp.asarray(x, jnp.float32), (self.count,)), hparams)

@@ -1,8 +1,8 @@
 """Tasks as MJX models behind brax's `Env`/`State` interface. Nothing here knows an algorithm.
 
-    env = envs.make("pendulum")
-    state = env.reset(jax.random.PRNGKey(0))
-    state = env.step(state, action)
+env = envs.make("pendulum")
+state = env.reset(jax.random.PRNGKey(0))
+state = env.step(state, action)
 """
 
 from envs.registry import TASKS, UnknownTask, make

@@ -74,7 +74,9 @@ def measure(job: Job, iterations: int) -> dict:
         return actor.collect(key, acting, env, optimizer, config)[0]
 
     stages: dict[str, Callable[[], None]] = {
-        "simulation alone": _repeat(lambda key, state: simulate(key, state, env, config), one.actor.rollout.env, iterations),
+        "simulation alone": _repeat(
+            lambda key, state: simulate(key, state, env, config), one.actor.rollout.env, iterations
+        ),
         "rollout": _repeat(collect, one.actor, iterations),
         "discriminator": _repeat(
             lambda key, d: discriminator.fit(d, pair, pair, hparams, method, config)[0], one.discriminator, iterations

@@ -14,18 +14,27 @@ from tyro.conf import Positional, arg, subcommand
 
 Set = Annotated[
     tuple[str, ...],
-    arg(name="set", metavar="NAME=VALUE", help="Override any setting of Config or HParams, e.g. lambda_i=0.1 iterations=400."),
+    arg(
+        name="set",
+        metavar="NAME=VALUE",
+        help="Override any setting of Config or HParams, e.g. lambda_i=0.1 iterations=400.",
+    ),
 ]
 Methods = Annotated[
-    tuple[str, ...], arg(metavar="NAME", help="One or more of eairl, airl_sa, airl_s, gail; each gets a row in the table.")
+    tuple[str, ...],
+    arg(metavar="NAME", help="One or more of eairl, airl_sa, airl_s, gail; each gets a row in the table."),
 ]
 Forms = Annotated[
     tuple[str, ...],
     arg(metavar="FORM", help="What the reward sees: sa (the paper's r(s,a)), s, separable (g(s) + k(a), recommended for "
         "transfer), default (the method's own). Several give several rows."),
 ]  # fmt: skip
-Out = Annotated[Path | None, arg(metavar="DIR", help="Folder of the run. Default: runs/ and a name made of the arguments.")]
-Demos = Annotated[Path | None, arg(metavar="FILE", help="Demonstrations (.npz). Default: the 20 episodes that we ship.")]
+Out = Annotated[
+    Path | None, arg(metavar="DIR", help="Folder of the run. Default: runs/ and a name made of the arguments.")
+]
+Demos = Annotated[
+    Path | None, arg(metavar="FILE", help="Demonstrations (.npz). Default: the 20 episodes that we ship.")
+]
 Seeds = Annotated[int, arg(help="Independent runs, trained side by side.")]
 
 
@@ -64,7 +73,9 @@ class Demos_:
 
     task: Positional[str]
     """Name of a task."""
-    expert: Annotated[Path | None, arg(metavar="DIR", help="Folder of `eairl expert`. Default: runs/expert-TASK.")] = None
+    expert: Annotated[Path | None, arg(metavar="DIR", help="Folder of `eairl expert`. Default: runs/expert-TASK.")] = (
+        None
+    )
     episodes: int = 20
     """How many episodes."""
     seed: int = 0

@@ -65,7 +65,9 @@ class Rule:
         name, _, number = text.partition("=")
         kept = snapshots_of(job_recipe)
         if name != "iteration" or not number.isdigit():
-            raise InputError(f"unknown rule {text!r}: choose last, source_retrain or iteration=N, e.g. iteration={kept[-1]}")
+            raise InputError(
+                f"unknown rule {text!r}: choose last, source_retrain or iteration=N, e.g. iteration={kept[-1]}"
+            )
         if int(number) not in kept:
             raise InputError(f"no snapshot of iteration {number} is kept; there are {', '.join(map(str, kept))}")
         return Rule("iteration", int(number))
@@ -88,7 +90,9 @@ def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | 
     else:
         function = reward_function(reward.config)
         algorithm = make_rl(target.env, target.recipe.config, lambda params, tau: function(params, tau.obs, tau.action))
-    lanes = Lanes(algorithm, seed_keys(len(labels), key), target.recipe.hparams, params, data_per_lane=reward is not None)
+    lanes = Lanes(
+        algorithm, seed_keys(len(labels), key), target.recipe.hparams, params, data_per_lane=reward is not None
+    )
     state = train(folder, title, lanes, target.recipe, labels)
     return folder.curve("true_return", len(labels)), final_returns(target.env, algorithm, state).mean(axis=1)
 
@@ -105,7 +109,9 @@ def choose_reward(folder: Folder, job: Job, rule: Rule, source: Target) -> tuple
     labels = [{"repeat": repeat, "snapshot": iteration, "seed": seed}
               for repeat in range(rule.repeats) for iteration in kept for seed in range(job.seeds)]  # fmt: skip
     config = dataclasses.replace(source.recipe.config, iterations=rule.iterations)
-    short = dataclasses.replace(source, recipe=dataclasses.replace(source.recipe, config=config, snapshot_every=rule.iterations))
+    short = dataclasses.replace(
+        source, recipe=dataclasses.replace(source.recipe, config=config, snapshot_every=rule.iterations)
+    )
     inner = Folder(folder.path / "source_retrain", {"rule": dataclasses.asdict(rule)})
     title = f"{job.row}: retraining on {len(kept)} snapshots in {job.task}"
     curves, _ = retrain(inner, title, short, rewards[0], params, labels, SOURCE_RETRAIN_KEY)

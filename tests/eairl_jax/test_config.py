@@ -78,3 +78,17 @@ def test_default_is_the_methods_own_choice_and_a_given_one_wins(method):
     chosen = resolve(Config(method=method, reward_form="separable", shaping="both"))
     assert (chosen.reward_form, chosen.shaping, chosen.empowerment) == ("separable", "both", True)
     assert resolve(Config(method=method, shaping="none")).empowerment == row.empowerment
+
+
+@pytest.mark.parametrize(
+    ("changes", "shaping"),
+    [
+        ({"method": "eairl"}, "both"),
+        ({"method": "eairl", "shaping": "empowerment"}, "empowerment"),
+        ({"method": "eairl", "shaping": "none"}, "none"),
+        ({"method": "airl_sa"}, "learned"),
+        ({"method": "gail"}, "none"),
+    ],
+)
+def test_a_separable_reward_gets_a_learned_potential_beside_phi_unless_told_otherwise(changes, shaping):
+    assert resolve(Config(reward_form="separable", **changes)).shaping == shaping

@@ -17,7 +17,7 @@ HPARAMS = HParams(gamma=GAMMA, discriminator_lr=0.05, phi_lr=0.05, inverse_lr=0.
 
 
 @pytest.fixture
-def numpy_f(numpy_reward):
+def numpy_f(mlp, numpy_reward):
     """f(s, a, s') of raw transitions by the networks of a state; with `raw` the reward and h see no scale."""
 
     def f(state, phi_target, x, scale=(0.0, 1.0), raw=False):
