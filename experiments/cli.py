@@ -140,12 +140,16 @@ class Transfer:
     retrain_set: Annotated[
         tuple[str, ...], arg(metavar="NAME=VALUE", help="Like --set, for the policies that are trained on the reward.")
     ] = ()
+    restarts: Annotated[
+        int,
+        arg(help="Policies trained in TARGET for each score; the one with the best return by the learned reward is kept."),
+    ] = 4
 
     def run(self, line: str) -> None:
         from experiments import transfer
 
         transfer.command(self.source, self.target, self.method, self.reward_form, self.seeds, self.rule, self.demos,
-                         self.reward, self.out, self.set, self.retrain_set, line)  # fmt: skip
+                         self.reward, self.out, self.set, self.retrain_set, self.restarts, line)  # fmt: skip
 
 
 @dataclass

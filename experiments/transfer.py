@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from eairl_jax import InputError, Lanes, LearnedReward, load_reward, make_rl, reward_function, save_reward
+from eairl_jax import Algorithm, InputError, Lanes, LearnedReward, load_reward, make_rl, reward_function, save_reward
 from eairl_jax.types import PyTree
 from envs.mjx_task import MjxTask
 from experiments import imitate, paper
@@ -35,6 +35,8 @@ class Target:
     env: MjxTask
     recipe: Recipe
     reference: Reference
+    restarts: int = 1
+    """Policies trained for each score; the one that the reward itself rates best is kept."""
 
 
 @dataclass(frozen=True)
@@ -78,23 +80,53 @@ def snapshots_of(job_recipe: Recipe) -> list[int]:
     return list(range(job_recipe.snapshot_every, job_recipe.config.iterations + 1, job_recipe.snapshot_every))
 
 
-def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | None, params: PyTree,
-            labels: list[dict], key: int) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+def retrain(
+    folder: Folder,
+    title: str,
+    target: Target,
+    reward: LearnedReward | None,
+    params: PyTree,
+    labels: list[dict],
+    key: int,
+) -> tuple[Algorithm, PyTree]:
     """Trains a fresh policy a lane in the target task, on learned rewards `[lanes, ...]` or, if None, on the true one.
 
     Returns:
-      `(curves [lanes, iterations] of true returns, final true returns [lanes])`.
+      The algorithm and the final states `[lanes, ...]`; the curves are in the folder's metrics.
     """
     if reward is None:
         algorithm = make_rl(target.env, target.recipe.config)
     else:
         function = reward_function(reward.config)
         algorithm = make_rl(target.env, target.recipe.config, lambda params, tau: function(params, tau.obs, tau.action))
-    lanes = Lanes(
-        algorithm, seed_keys(len(labels), key), target.recipe.hparams, params, data_per_lane=reward is not None
-    )
-    state = train(folder, title, lanes, target.recipe, labels)
-    return folder.curve("true_return", len(labels)), final_returns(target.env, algorithm, state).mean(axis=1)
+    keys, learned = seed_keys(len(labels), key), reward is not None
+    lanes = Lanes(algorithm, keys, target.recipe.hparams, params, data_per_lane=learned)
+    return algorithm, train(folder, title, lanes, target.recipe, labels)
+
+
+def score(
+    folder: Folder, title: str, target: Target, reward: LearnedReward | None, seeds: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Trains `target.restarts` policies for each seed and keeps the one with the best return *by the reward trained on*.
+
+    A policy can settle before a wall that it has to walk around. Which of several did not is visible in the learned
+    reward; the true reward has no say.
+
+    Returns:
+      `(curves [seeds, iterations] of true returns, final true returns [seeds])` of the kept policies.
+    """
+    labels = [{"restart": restart, "seed": seed} for restart in range(target.restarts) for seed in range(seeds)]
+    params = jax.tree.map(lambda leaf: np.concatenate([leaf] * target.restarts), reward.params) if reward else ()
+    algorithm, state = retrain(folder, title, target, reward, params, labels, RETRAIN_KEY)
+    by_reward = tail(folder.curve("policy_reward", len(labels))).reshape(target.restarts, seeds)
+    kept = by_reward.argmax(axis=0) * seeds + np.arange(seeds)
+    returns = final_returns(target.env, algorithm, imitate.take_rows(state, kept)).mean(axis=1)
+    return folder.curve("true_return", len(labels))[kept], returns
+
+
+def tail(curves: np.ndarray) -> np.ndarray:
+    """Mean of the last tenth of curves `[lanes, iterations]`."""
+    return curves[:, -max(1, curves.shape[1] // 10) :].mean(axis=1)
 
 
 def choose_reward(folder: Folder, job: Job, rule: Rule, source: Target) -> tuple[LearnedReward, dict[str, Any]]:
@@ -114,8 +146,8 @@ def choose_reward(folder: Folder, job: Job, rule: Rule, source: Target) -> tuple
     )
     inner = Folder(folder.path / "source_retrain", {"rule": dataclasses.asdict(rule)})
     title = f"{job.row}: retraining on {len(kept)} snapshots in {job.task}"
-    curves, _ = retrain(inner, title, short, rewards[0], params, labels, SOURCE_RETRAIN_KEY)
-    last = curves[:, -max(1, rule.iterations // 10) :].mean(axis=1)
+    retrain(inner, title, short, rewards[0], params, labels, SOURCE_RETRAIN_KEY)
+    last = tail(inner.curve("true_return", len(labels)))
     scores = last.reshape(rule.repeats, len(kept), job.seeds).mean(axis=0)
     best = scores.argmax(axis=0)
     rows = [jax.tree.map(lambda leaf, seed=seed: leaf[seed], rewards[best[seed]].params) for seed in range(job.seeds)]
@@ -132,8 +164,7 @@ def ceiling(target: Target, seeds: int, out: Path) -> np.ndarray:
     folder = Folder(out / f"ceiling-{target.task}-{digest}", settings)
     summary = folder.summary()
     if summary is None:
-        labels = [{"seed": seed} for seed in range(seeds)]
-        _, returns = retrain(folder, f"ceiling: true reward in {target.task}", target, None, (), labels, RETRAIN_KEY)
+        _, returns = score(folder, f"ceiling: true reward in {target.task}", target, None, seeds)
         summary = {"returns": returns.tolist(), "mean": float(returns.mean()), **folder.seconds()}
         folder.finish(summary)
     return np.array(summary["returns"])
@@ -147,6 +178,7 @@ def target_settings(target: Target) -> dict:
         "retrain_config": dataclasses.asdict(own.config),
         "retrain_hparams": dataclasses.asdict(own.hparams),
         "retrain_snapshot_every": own.snapshot_every,
+        "restarts": target.restarts,
     }
 
 
@@ -170,8 +202,7 @@ def transfer(job: Job, rule: Rule, source: Target, target: Target, out: Path, co
 def reuse(folder: Folder, reward: LearnedReward, target: Target, seeds: int, command: str, row: str,
           curves: list[Curve], ceilings: Path, more: dict[str, Any]) -> dict:  # fmt: skip
     """Trains fresh policies on a learned reward in the target task and finishes the folder with their score."""
-    labels = [{"seed": seed} for seed in range(seeds)]
-    returned, returns = retrain(folder, f"{row} in {target.task}", target, reward, reward.params, labels, RETRAIN_KEY)
+    returned, returns = score(folder, f"{row} in {target.task}", target, reward, seeds)
     best = ceiling(target, seeds, ceilings)
     config = target.recipe.config
     summary = summarize(command, reward.description["task"], target.task, reward.description["method"], returns,
@@ -187,15 +218,17 @@ def reuse(folder: Folder, reward: LearnedReward, target: Target, seeds: int, com
 
 def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: int, rule: str,
             demos: Path | None, reward: Path | None, out: Path | None, assignments: tuple[str, ...],
-            retrain_assignments: tuple[str, ...], line: str) -> None:  # fmt: skip
+            retrain_assignments: tuple[str, ...], restarts: int, line: str) -> None:  # fmt: skip
     """Runs every row of `eairl transfer` and prints one table."""
     source_env, target_env = make_env(source), make_env(target)
+    if restarts < 1:
+        raise InputError(f"--restarts {restarts}: expected at least 1")
     if (source_env.observation_size, source_env.action_size) != (target_env.observation_size, target_env.action_size):
         raise InputError(
             f"a reward of {source} (observations of {source_env.observation_size}, actions of {source_env.action_size}) "
             f"does not fit {target} ({target_env.observation_size} and {target_env.action_size}): choose tasks of the same sizes"
         )
-    put_to_use = as_target(target, target_env, retrain_assignments)
+    put_to_use = as_target(target, target_env, retrain_assignments, restarts)
     rows: list[tuple[str, np.ndarray | None, paper.Row | None, str]] = []
     if reward is not None:
         learned = load_reward(reward, target_env.observation_size, target_env.action_size)
@@ -235,13 +268,13 @@ def is_published(row: str) -> bool:
     return row in ("eairl-sa", "airl_sa-sa", "airl_s-s", "gail-sa")
 
 
-def as_target(task: str, env: MjxTask, assignments: tuple[str, ...]) -> Target:
+def as_target(task: str, env: MjxTask, assignments: tuple[str, ...], restarts: int = 1) -> Target:
     """A task with its retraining recipe and its reference returns (of the demonstrations we ship)."""
     from eairl_jax import demonstrations
 
     path = shipped(task)
     known = reference(task, env, path, demonstrations.load(path, task))
-    return Target(task, env, recipe(task, env, "retrain", parse_overrides(assignments)), known)
+    return Target(task, env, recipe(task, env, "retrain", parse_overrides(assignments)), known, restarts)
 
 
 def from_artefact(reward: LearnedReward, path: Path, target: Target, out: Path | None, line: str) -> dict:
