@@ -33,6 +33,7 @@ __all__ = [
     "LearnedReward",
     "RewardParams",
     "Transition",
+    "__version__",
     "demonstrations",
     "evaluate",
     "learned_reward",

@@ -55,8 +55,8 @@ class Checkpoints:
         for name in expected | on_disk:
             if expected.get(name) != on_disk.get(name):
                 raise InputError(
-                    f"checkpoint {iteration} does not fit these settings: {name} has shape {on_disk.get(name)} on disk, "
-                    f"expected {expected.get(name)}"
+                    f"checkpoint {iteration} does not fit these settings: {name} has shape "
+                    f"{on_disk.get(name)} on disk, expected {expected.get(name)}"
                 )
         saved = self._manager.restore(iteration, args=self._ocp.args.StandardRestore(template))
         return jax.tree.unflatten(jax.tree.structure(like), [np.asarray(saved[name]) for name in template])

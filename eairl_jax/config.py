@@ -53,8 +53,8 @@ class Config:
     reward_form: str = "default"
     """"sa": g(s,a); "s": g(s); "separable": g(s) + k(a); "default": the method's own."""
     action_part: str = "quadratic"
-    """k(a) of a separable reward: "quadratic": -c |a|^2 with a learned c >= 0, a cost and nothing else; "net": any function
-    of the action, which can also learn the direction in which the expert mostly went."""
+    """k(a) of a separable reward: "quadratic": -c |a|^2 with a learned c >= 0, a cost and nothing else; "net": any
+    function of the action, which can also learn the direction in which the expert mostly went."""
     shaping: str = "default"
     """Potential-based shaping of f: "empowerment" (Phi), "learned" (AIRL's h), "both", "none"; "default": the
     method's own."""
@@ -90,8 +90,8 @@ class Config:
             raise InputError(f"history_length = {self.history_length}: expected 0 or more iterations")
         if self.steps_per_iteration % self.ppo_minibatches:
             raise InputError(
-                f"ppo_minibatches = {self.ppo_minibatches} does not divide num_envs x rollout_length = {self.num_envs} x "
-                f"{self.rollout_length} = {self.steps_per_iteration} steps: choose a divisor of {self.steps_per_iteration}"
+                f"ppo_minibatches = {self.ppo_minibatches} does not divide num_envs x rollout_length = {self.num_envs} "
+                f"x {self.rollout_length} = {self.steps_per_iteration}: choose a divisor of {self.steps_per_iteration}"
             )
         if not self.log_std_min < self.log_std_init < self.log_std_max:
             raise InputError(

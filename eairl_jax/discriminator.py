@@ -101,9 +101,13 @@ def fit(
     fitted: optimize.Fitted, expert: Samples, policy: Samples, hparams, method: Method, config: Config
 ) -> tuple[optimize.Fitted, Metrics]:
     """Updates D on minibatches `[updates, batch, ...]` of the expert and of the policy's history."""
-    return optimize.fit(
+    fitted, metrics = optimize.fit(
         fitted,
         lambda params, pair: loss(params, *pair, hparams.gamma, method, config),
         (expert, policy),
         hparams.discriminator_lr,
     )
+    metrics["accuracy"] = 0.5 * (metrics["accuracy_expert"] + metrics["accuracy_policy"])
+    for name, samples in (("reward_expert", expert), ("reward_policy", policy)):
+        metrics[name] = reward(fitted.params, samples.obs[-1], samples.action[-1], method.reward_form, config).mean()
+    return fitted, metrics

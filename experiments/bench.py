@@ -146,7 +146,7 @@ def _print(job: Job, result: dict) -> None:
     console.print(table)
     console.print(
         f"whole iteration over simulation alone: {result['iteration_over_simulation']:.2f} (target 0.5)\n"
-        f"five seeds over one: {result['five_seeds_over_one']:.2f} times the time on {len(jax.devices())} devices (target 4)\n"
+        f"five seeds over one: {result['five_seeds_over_one']:.2f} x the time, {len(jax.devices())} devices (aim 4)\n"
         f"compile: {result['compile_seconds']['1']:.1f} s one seed, {result['compile_seconds'][str(SEEDS)]:.1f} s five "
         f"(seconds only, where the persistent cache is warm); peak memory {result['peak_memory_gb']:.1f} GB"
     )

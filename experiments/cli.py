@@ -26,8 +26,8 @@ Methods = Annotated[
 ]
 Forms = Annotated[
     tuple[str, ...],
-    arg(metavar="FORM", help="What the reward sees: sa (the paper's r(s,a)), s, separable (g(s) + k(a), recommended for "
-        "transfer), default (the method's own). Several give several rows."),
+    arg(metavar="FORM", help="What the reward sees: sa (the paper's r(s,a)), s, separable (g(s) + k(a), recommended "
+        "for transfer), default (the method's own). Several give several rows."),
 ]  # fmt: skip
 Out = Annotated[
     Path | None, arg(metavar="DIR", help="Folder of the run. Default: runs/ and a name made of the arguments.")
@@ -68,7 +68,7 @@ class Expert:
 
 
 @dataclass
-class Demos_:
+class Collect:
     """Collect demonstrations from a trained expert: an .npz of whole episodes and a .json of where they came from."""
 
     task: Positional[str]
@@ -128,8 +128,8 @@ class Transfer:
     seeds: Seeds = 5
     rule: Annotated[
         str,
-        arg(help="Which iteration's reward is taken: last, iteration=N, or source_retrain (retrain on every kept snapshot "
-            "in SOURCE and take the best by SOURCE's true return). None looks at TARGET."),
+        arg(help="Which iteration's reward is taken: last, iteration=N, or source_retrain (retrain on every kept "
+            "snapshot in SOURCE and take the best by SOURCE's true return). None looks at TARGET."),
     ] = "source_retrain"  # fmt: skip
     demos: Demos = None
     reward: Annotated[
@@ -142,7 +142,7 @@ class Transfer:
     ] = ()
     restarts: Annotated[
         int,
-        arg(help="Policies trained in TARGET for each score; the one with the best return by the learned reward is kept."),
+        arg(help="Policies trained in TARGET for each score; the best of them by the learned reward is kept."),
     ] = 4
 
     def run(self, line: str) -> None:
@@ -154,7 +154,7 @@ class Transfer:
 
 @dataclass
 class Bench:
-    """Measure what a whole iteration costs beside the simulation in it, its stages, five seeds beside one, and compiling."""
+    """Measure a whole iteration beside the simulation in it, its stages, five seeds beside one, and compiling."""
 
     task: Positional[str]
     """Name of a task."""
@@ -174,7 +174,7 @@ class Bench:
 Command = (
     Annotated[Tasks, subcommand("tasks")]
     | Annotated[Expert, subcommand("expert")]
-    | Annotated[Demos_, subcommand("demos")]
+    | Annotated[Collect, subcommand("demos")]
     | Annotated[Imitate, subcommand("imitate")]
     | Annotated[Transfer, subcommand("transfer")]
     | Annotated[Bench, subcommand("bench")]
@@ -199,8 +199,8 @@ def main(arguments: list[str] | None = None) -> None:
     except InputError as e:
         _fail(str(e), 2)
     except OSError as e:
-        _fail(f"{e.strerror or e} ({e.filename or 'disk'}); what was computed before is kept: free the disk, then repeat "
-              "the command to go on", 2)  # fmt: skip
+        _fail(f"{e.strerror or e} ({e.filename or 'disk'}); what was computed before is kept: free the disk, then "
+              "repeat the command to go on", 2)  # fmt: skip
     except Diverged as e:
         _fail(str(e), 1)
     except KeyboardInterrupt:

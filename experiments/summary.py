@@ -84,12 +84,10 @@ def plot(path: Path, title: str, curves: list[Curve]) -> None:
     for axis, panel in zip(axes[0], panels, strict=True):
         drawn = [curve for curve in curves if curve.panel == panel]
         for number, curve in enumerate(drawn):
-            values = curve.values
+            values = np.ma.masked_invalid(curve.values)  # no episode may have ended yet
             steps = (1 + np.arange(values.shape[1])) * curve.steps_per_iteration
-            axis.plot(steps, np.nanmean(values, axis=0), color=f"C{number}", label=curve.label)
-            axis.fill_between(
-                steps, np.nanmin(values, axis=0), np.nanmax(values, axis=0), color=f"C{number}", alpha=0.2, lw=0
-            )
+            axis.plot(steps, values.mean(axis=0), color=f"C{number}", label=curve.label)
+            axis.fill_between(steps, values.min(axis=0), values.max(axis=0), color=f"C{number}", alpha=0.2, lw=0)
         for name, height in dict.fromkeys(curve.level for curve in drawn if curve.level):
             axis.axhline(height, color="black", lw=0.8, ls="--")
             axis.annotate(name, (1, height), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)

@@ -82,10 +82,10 @@ def train(
             checkpoints.save(done, snapshot)
             folder.add_seconds(run_seconds=taken)
             rate = f"{len(labels) * chunk * config.steps_per_iteration / taken:,.0f} env steps/s"
-            score = f"true return {np.nanmean(metrics['true_return'][:, -5:]):.2f}"
+            score = f"true return {np.ma.masked_invalid(metrics['true_return'][:, -5:]).mean():.2f}"
             progress.update(task, completed=done, rate=rate, score=score)
             if not console.is_terminal:
-                console.print(f"{title}: iteration {done}/{config.iterations}  {rate}  {score}")
+                console.print(f"{title}: iteration {done}/{config.iterations}  {rate}  {score}", soft_wrap=True)
     console.print(f"[dim]{title}: compiled in {compile_seconds:.1f} s[/dim]")
     return lanes.take(state)
 

@@ -1,4 +1,4 @@
-"""`eairl transfer`: learn a reward in one task, train a fresh policy on it alone in another, score by the true reward."""
+"""`eairl transfer`: learn a reward in one task, train a fresh policy on it alone in another, score it truly."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def retrain(
 def score(
     folder: Folder, title: str, target: Target, reward: LearnedReward | None, seeds: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Trains `target.restarts` policies for each seed and keeps the one with the best return *by the reward trained on*.
+    """Trains `target.restarts` policies for each seed and keeps the best *by the reward it was trained on*.
 
     A policy can settle before a wall that it has to walk around. Which of several did not is visible in the learned
     reward; the true reward has no say.
@@ -142,7 +142,7 @@ def choose_reward(folder: Folder, job: Job, rule: Rule, source: Target) -> tuple
               for repeat in range(rule.repeats) for iteration in kept for seed in range(job.seeds)]  # fmt: skip
     config = dataclasses.replace(source.recipe.config, iterations=rule.iterations)
     short = dataclasses.replace(
-        source, recipe=dataclasses.replace(source.recipe, config=config, snapshot_every=rule.iterations)
+        source, recipe=dataclasses.replace(source.recipe, config=config, snapshot_every=rule.iterations // 2)
     )
     inner = Folder(folder.path / "source_retrain", {"rule": dataclasses.asdict(rule)})
     title = f"{job.row}: retraining on {len(kept)} snapshots in {job.task}"
@@ -225,8 +225,9 @@ def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str
         raise InputError(f"--restarts {restarts}: expected at least 1")
     if (source_env.observation_size, source_env.action_size) != (target_env.observation_size, target_env.action_size):
         raise InputError(
-            f"a reward of {source} (observations of {source_env.observation_size}, actions of {source_env.action_size}) "
-            f"does not fit {target} ({target_env.observation_size} and {target_env.action_size}): choose tasks of the same sizes"
+            f"a reward of {source} (observations of {source_env.observation_size}, actions of "
+            f"{source_env.action_size}) does not fit {target} ({target_env.observation_size} and "
+            f"{target_env.action_size}): choose tasks of the same sizes"
         )
     put_to_use = as_target(target, target_env, retrain_assignments, restarts)
     rows: list[tuple[str, np.ndarray | None, paper.Row | None, str]] = []
