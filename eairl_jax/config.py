@@ -90,8 +90,9 @@ class Config:
             raise InputError(f"history_length = {self.history_length}: expected 0 or more iterations")
         if self.steps_per_iteration % self.ppo_minibatches:
             raise InputError(
-                f"ppo_minibatches = {self.ppo_minibatches} does not divide num_envs x rollout_length = {self.num_envs} "
-                f"x {self.rollout_length} = {self.steps_per_iteration}: choose a divisor of {self.steps_per_iteration}"
+                f"ppo_minibatches = {self.ppo_minibatches} does not divide num_envs x rollout_length = "
+                f"{self.num_envs} x {self.rollout_length} = {self.steps_per_iteration} steps: choose a divisor of "
+                f"{self.steps_per_iteration}"
             )
         if not self.log_std_min < self.log_std_init < self.log_std_max:
             raise InputError(

@@ -82,7 +82,9 @@ def train(
             checkpoints.save(done, snapshot)
             folder.add_seconds(run_seconds=taken)
             rate = f"{len(labels) * chunk * config.steps_per_iteration / taken:,.0f} env steps/s"
-            score = f"true return {np.ma.masked_invalid(metrics['true_return'][:, -5:]).mean():.2f}"
+            ended = metrics["true_return"][:, -5:]
+            ended = ended[np.isfinite(ended)]
+            score = f"true return {ended.mean():.2f}" if ended.size else ""
             progress.update(task, completed=done, rate=rate, score=score)
             if not console.is_terminal:
                 console.print(f"{title}: iteration {done}/{config.iterations}  {rate}  {score}", soft_wrap=True)
