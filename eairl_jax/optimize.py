@@ -36,7 +36,7 @@ def descend(fitted: Fitted, gradient: PyTree, lr: float | jax.Array) -> Fitted:
 
 def clip_norm(gradient: PyTree, max_norm: float | jax.Array) -> PyTree:
     """Scales a gradient down to `max_norm` where its global norm is above it."""
-    scale = jnp.minimum(1.0, max_norm / (optax.global_norm(gradient) + 1e-8))
+    scale = jnp.minimum(1.0, max_norm / (optax.tree.norm(gradient) + 1e-8))
     return jax.tree.map(lambda g: g * scale, gradient)
 
 

@@ -93,9 +93,10 @@ def train(
 
 
 def final_returns(
-    env: MjxTask, algorithm: Algorithm, state: PyTree, episodes: int = EVALUATION_EPISODES, sampled: bool = True
+    env: MjxTask, algorithm: Algorithm, state: PyTree, episodes: int | None = None, sampled: bool = True
 ) -> np.ndarray:
-    """True returns `[lanes, episodes]` of every lane's policy over fresh whole episodes."""
+    """True returns `[lanes, episodes]` of every lane's policy over fresh whole episodes (100 unless told)."""
+    episodes = episodes or EVALUATION_EPISODES
 
     def one(state, key):
         act = lambda obs, key: algorithm.act(state, obs, key if sampled else None)  # noqa: E731

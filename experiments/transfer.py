@@ -23,6 +23,8 @@ from experiments.settings import Recipe, make_env, parse_overrides, recipe
 from experiments.summary import Curve, plot, print_table, summarize
 from experiments.training import console, default_out, final_returns, seed_keys, train
 
+SOURCE_RETRAIN_ITERATIONS = 50
+
 # Each phase of an experiment draws its own random numbers.
 RETRAIN_KEY, SOURCE_RETRAIN_KEY = 1, 2
 
@@ -53,7 +55,7 @@ class Rule:
     kind: str
     iteration: int = 0
     repeats: int = 2
-    iterations: int = 50
+    iterations: int = 0
 
     @staticmethod
     def parse(text: str, job_recipe: Recipe) -> Rule:
@@ -63,7 +65,7 @@ class Rule:
           InputError: for anything else, or an N of which no snapshot is kept.
         """
         if text in ("last", "source_retrain"):
-            return Rule(text)
+            return Rule(text, iterations=SOURCE_RETRAIN_ITERATIONS if text == "source_retrain" else 0)
         name, _, number = text.partition("=")
         kept = snapshots_of(job_recipe)
         if name != "iteration" or not number.isdigit():
