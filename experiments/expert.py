@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+import jax
 import numpy as np
 
 from eairl_jax import Algorithm, Checkpoints, Config, HParams, InputError, Lanes, make_rl
@@ -81,11 +82,4 @@ def load_expert(path: Path, task: str, env: MjxTask) -> tuple[Algorithm, PyTree,
     curve = Folder(path, settings).curve("true_return", settings["seeds"])
     best = int(np.argmax(curve[:, -max(1, config.iterations // 10) :].mean(axis=1)))
     said = settings | {"chosen_seed": best, "chosen_by": "training return of the last tenth"}
-    return algorithm, lanes_row(state, best), said
-
-
-def lanes_row(state: PyTree, lane: int) -> PyTree:
-    """One lane of a state of NumPy arrays."""
-    import jax
-
-    return jax.tree.map(lambda leaf: leaf[lane], state)
+    return algorithm, jax.tree.map(lambda leaf: leaf[best], state), said

@@ -176,11 +176,6 @@ def row_out(out: Path | None, name: str, row: str, count: int) -> Path:
     return out if count == 1 else out / row
 
 
-def method_help() -> str:
-    """A line a method, for help texts."""
-    return "; ".join(f"{name}: {row.summary}" for name, row in METHODS.items())
-
-
 def take_rows(tree: PyTree, rows: np.ndarray) -> PyTree:
     """Rows of every leaf."""
     return jax.tree.map(lambda leaf: np.asarray(leaf)[rows], tree)
