@@ -75,6 +75,11 @@ class Config:
     inverse_loss: str = "likelihood"
     """Of q: "likelihood" (section 2.3) or "mse" (Eq. 8: the mean alone; the std stays as it began)."""
 
+    @staticmethod
+    def from_json(settings: dict) -> Config:
+        """The configuration that `dataclasses.asdict` and a JSON file made lists of."""
+        return Config(**{name: tuple(v) if isinstance(v, list) else v for name, v in settings.items()})
+
     @property
     def steps_per_iteration(self) -> int:
         """Environment steps in one iteration."""
@@ -100,6 +105,8 @@ class Config:
                 f"log_std_max = {self.log_std_max}"
             )
         for name in ("hidden", "policy_hidden", "value_hidden"):
+            if not isinstance(getattr(self, name), tuple):
+                raise InputError(f"{name} = {getattr(self, name)}: expected a tuple of widths, e.g. (32, 32)")
             if not getattr(self, name) or min(getattr(self, name)) < 1:
                 raise InputError(f"{name} = {getattr(self, name)}: expected one or more positive widths, e.g. (32, 32)")
         choose("activation", self.activation, ("relu", "tanh"))

@@ -81,7 +81,7 @@ def load_reward(directory: Path | str, obs_size: int | None = None, action_size:
     missing = {"task", "obs_size", "action_size", "config"} - set(description)
     if missing:
         raise InputError(f"{directory / 'reward.json'} lacks {', '.join(sorted(missing))}: save the reward anew")
-    settings = {k: tuple(v) if isinstance(v, list) else v for k, v in description.pop("config").items()}
+    settings = description.pop("config")
     unknown = set(settings) - {field.name for field in dataclasses.fields(Config)}
     if unknown:
         raise InputError(f"{directory / 'reward.json'} has settings that this version does not know: {unknown}")
@@ -89,7 +89,8 @@ def load_reward(directory: Path | str, obs_size: int | None = None, action_size:
     if "params" not in tree or set(tree.get("obs_stats", ())) != {"mean", "var", "count"}:
         raise InputError(f"{directory / 'reward.npz'} does not hold a reward and its normaliser: save it anew")
     params = irl.RewardParams(tree["params"], ObsStats(**tree["obs_stats"]))
-    reward = LearnedReward(description, Config(**settings), params)
-    if obs_size is not None and action_size is not None:
-        reward.check_sizes(obs_size, action_size, "the task that you want to use it on")
+    reward = LearnedReward(description, Config.from_json(settings), params)
+    own = description["obs_size"], description["action_size"]
+    meant = (own[0] if obs_size is None else obs_size, own[1] if action_size is None else action_size)
+    reward.check_sizes(*meant, "the task that you want to use it on")
     return reward

@@ -81,6 +81,8 @@ class HParams:
       max_grad_norm: PPO's bound on the gradient's norm.
       entropy_weight: weight of the policy's entropy (Appendix D.2: 0.1 to learn a reward, 0.001 to imitate).
       entropy_end: fraction of `entropy_weight` left at `Config.iterations`.
+      std_end: fraction of the policy's std left at `Config.iterations` (geometric in between): explore first, then
+        settle.
       lambda_i: lambda_I, the weight of l_I in the policy's objective (Eq. 11).
       beta: temperature of the empowerment (Eq. 6, 7).
       discriminator_lr, inverse_lr, phi_lr: Adam's rates for D (the reward), q(a|s,s') and Phi(s).
@@ -94,6 +96,7 @@ class HParams:
     max_grad_norm: float | jax.Array = 0.5
     entropy_weight: float | jax.Array = 0.001
     entropy_end: float | jax.Array = 1.0
+    std_end: float | jax.Array = 1.0
     lambda_i: float | jax.Array = 0.001
     beta: float | jax.Array = 1.0
     discriminator_lr: float | jax.Array = 1e-3
@@ -106,6 +109,7 @@ class HParams:
         return self.replace(  # pyright: ignore
             policy_lr=self.policy_lr * (1.0 - progress * (1.0 - self.policy_lr_end)),
             entropy_weight=self.entropy_weight * (1.0 - progress * (1.0 - self.entropy_end)),
+            std_end=self.std_end**progress,
         )
 
 

@@ -15,8 +15,8 @@ from envs.mjx_task import MjxTask
 from experiments import paper
 from experiments.folder import Folder
 from experiments.settings import make_env, parse_overrides, recipe
-from experiments.summary import Curve, plot, print_table
-from experiments.training import console, default_out, final_returns, seed_keys, train
+from experiments.summary import Curve, Row, plot, print_table
+from experiments.training import default_out, final_returns, say, seed_keys, train
 
 
 def command(task: str, seeds: int, out: Path | None, assignments: tuple[str, ...], line: str) -> None:
@@ -54,11 +54,11 @@ def command(task: str, seeds: int, out: Path | None, assignments: tuple[str, ...
         folder.finish(summary)
     published = [paper.row(table, task, "expert") for table in (paper.IMITATION, paper.TRANSFER)]
     rows = [
-        ("sampled policy", np.array(summary["returns"]), next((p for p in published if p), None), ""),
-        ("its mean action", np.array(summary["returns_mean_action"]), None, ""),
+        Row("sampled policy", np.array(summary["returns"]), next((p for p in published if p), None)),
+        Row("its mean action", np.array(summary["returns_mean_action"])),
     ]
     print_table(f"Experts of {task} after {summary['env_steps']:,} environment steps", rows)
-    console.print(f"[dim]in {folder.path}/; collect demonstrations with `eairl demos {task}`[/dim]")
+    say(f"in {folder.path}/; collect demonstrations with `eairl demos {task}`")
 
 
 def load_expert(path: Path, task: str, env: MjxTask) -> tuple[Algorithm, PyTree, dict]:
@@ -75,7 +75,7 @@ def load_expert(path: Path, task: str, env: MjxTask) -> tuple[Algorithm, PyTree,
     settings = read_json(path / "config.json")["settings"]
     if settings["task"] != task:
         raise InputError(f"{path} holds an expert of {settings['task']}, not of {task}")
-    config = Config(**{k: tuple(v) if isinstance(v, list) else v for k, v in settings["config"].items()})
+    config = Config.from_json(settings["config"])
     algorithm = make_rl(env, config)
     lanes = Lanes(algorithm, seed_keys(settings["seeds"]), HParams(**settings["hparams"]))
     state = Checkpoints(path / "checkpoints").restore(config.iterations, lanes.take(lanes.init()))

@@ -27,11 +27,11 @@ from eairl_jax.methods import METHODS, resolve
 from eairl_jax.types import PyTree
 from envs.mjx_task import MjxTask
 from experiments import paper
-from experiments.demos import Reference, reference, shipped
 from experiments.folder import Folder
+from experiments.reference import Reference, reference, shipped
 from experiments.settings import Recipe, make_env, parse_overrides, recipe
-from experiments.summary import Curve, plot, print_table, summarize
-from experiments.training import console, default_out, final_returns, seed_keys, train
+from experiments.summary import Curve, Row, plot, print_table, summarize
+from experiments.training import default_out, final_returns, say, seed_keys, train
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,11 @@ class Job:
     def row(self) -> str:
         """The row's name: "eairl-separable"."""
         return f"{self.recipe.config.method}-{resolve(self.recipe.config).reward_form}"
+
+    @property
+    def is_published(self) -> bool:
+        """Whether the row has the method's own reward form, the one that the paper's row has."""
+        return resolve(self.recipe.config).reward_form == METHODS[self.recipe.config.method].reward_form
 
     def settings(self) -> dict:
         """What makes this run this run."""
@@ -131,10 +136,10 @@ def imitate(job: Job, out: Path, command: str) -> dict:
         save_reward(folder.path / "reward", load_reward(snapshot_path(folder, config.iterations)))
         summary = summarize(command, job.task, None, config.method, returns,
                             config.iterations * config.steps_per_iteration, folder.seconds(),
-                            job.reference.expert, job.reference.random, row=job.row)  # fmt: skip
+                            job.reference, row=job.row)  # fmt: skip
         plot(folder.path / "curves.png", f"{job.row}: imitation of {job.task}", imitation_curves(folder, job))
         folder.finish(summary)
-    console.print(f"[dim]{job.row}: {folder.path}/ holds config, metrics, checkpoints, reward, curves, summary[/dim]")
+    say(f"{job.row}: {folder.path}/ holds config, metrics, checkpoints, reward, curves, summary")
     return summary
 
 
@@ -158,14 +163,14 @@ def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: 
             out: Path | None, assignments: tuple[str, ...], line: str) -> None:  # fmt: skip
     """Runs every job of `eairl imitate` and prints one table."""
     jobs = prepare(task, methods, forms, seeds, demos, "imitate", assignments)
-    rows = [("expert", np.array([jobs[0].reference.expert]), paper.row(paper.IMITATION, task, "expert"), "")]
+    expert = np.array([jobs[0].reference.expert])
+    rows = [Row("expert", expert, paper.row(paper.IMITATION, task, "expert"), 1.0)]
     for job in jobs:
         where = row_out(out, f"imitate-{task}-{job.row}", job.row, len(jobs))
         summary = imitate(job, where, line)
-        remark = f"normalized {summary['normalized']:.3f}"
-        published = paper.row(paper.IMITATION, task, job.recipe.config.method)
-        rows.append((job.row, np.array(summary["returns"]), published, remark))
-    rows.append(("random actions", np.array([jobs[0].reference.random]), None, ""))
+        published = paper.row(paper.IMITATION, task, job.recipe.config.method) if job.is_published else None
+        rows.append(Row(job.row, np.array(summary["returns"]), published, summary["normalized"]))
+    rows.append(Row("random actions", np.array([jobs[0].reference.random]), None, 0.0))
     print_table(f"Imitation of {task}: true return of the sampled policy, {seeds} seeds", rows)
 
 

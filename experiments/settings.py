@@ -29,17 +29,18 @@ PURPOSE_DEFAULTS: dict[str, dict[str, Any]] = {
                    ppo_minibatches=8, iterations=200, snapshot_every=40),
     "imitate": dict(entropy_weight=0.001, lambda_i=0.001, phi_sync_interval=2, iterations=200, snapshot_every=40),
     "reward": dict(entropy_weight=0.1, lambda_i=1.0, phi_sync_interval=5, iterations=120, snapshot_every=40),
-    # Wide, unhurried exploration: a policy has to leave the straight way to find the passage. Chosen after
-    # policies had been seen to fail in the right maze, with its true returns in view: confirm it elsewhere.
-    "retrain": dict(policy_lr=1.5e-3, policy_lr_end=0.1, gae_lambda=1.0, entropy_weight=0.03, entropy_end=0.0,
-                    log_std_init=1.0, log_std_max=1.2, ppo_epochs=8, ppo_minibatches=8, iterations=80,
+    # Explore wide and without haste (std 2.7 at first), then settle (0.05 of it): a policy has to leave the straight
+    # way to find a passage, and is scored while it acts. Chosen by the true return in the left maze.
+    "retrain": dict(policy_lr=1.5e-3, policy_lr_end=0.1, gae_lambda=1.0, entropy_weight=0.01, entropy_end=0.0,
+                    std_end=0.05, log_std_init=1.0, log_std_max=1.2, ppo_epochs=4, ppo_minibatches=8, iterations=80,
                     snapshot_every=40),
 }  # fmt: skip
 
 # MaxEnt IRL takes an expert to be stochastic. Without a floor under its std PPO reaches -4.2 in the maze, but so narrow
 # an expert is told from any policy by its small actions alone, and the learned reward pays for standing still.
 MAZE = {
-    "all": dict(num_envs=32, rollout_length=100),
+    # PPO with a value net of 64 takes nearly twice the time of 48 on a CPU (`eairl bench`).
+    "all": dict(num_envs=32, rollout_length=100, value_hidden=(48, 48)),
     "expert": dict(log_std_min=-2.0, iterations=120),
     "imitate": dict(ppo_epochs=6, iterations=240),
     # Raw coordinates (metres): networks so smooth over the arena cannot single out the corridor that the expert took.

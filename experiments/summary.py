@@ -6,11 +6,13 @@ import resource
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from rich.table import Table
 
 from experiments import paper
+from experiments.reference import Reference
 from experiments.training import console
 
 
@@ -27,7 +29,7 @@ class Curve:
 
 
 def summarize(command: str, task: str, target: str | None, method: str, returns: np.ndarray, env_steps: int,
-              seconds: dict, expert: float, random: float, **more) -> dict:  # fmt: skip
+              seconds: dict, known: Reference, **more) -> dict:  # fmt: skip
     """The content of `summary.json`; `returns [seeds]`, one true return a seed."""
     mean = float(np.mean(returns))
     return {
@@ -38,12 +40,12 @@ def summarize(command: str, task: str, target: str | None, method: str, returns:
         "seeds": list(range(len(returns))),
         "env_steps": env_steps,
         **seconds,
-        "expert": expert,
-        "random": random,
+        "expert": known.expert,
+        "random": known.random,
         "returns": [float(r) for r in returns],
         "mean": mean,
         "std": float(np.std(returns)),
-        "normalized": (mean - random) / (expert - random),
+        "normalized": known.normalized(mean),
         "peak_memory_gb": peak_memory_gb(),
     } | more
 
@@ -54,22 +56,32 @@ def peak_memory_gb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
 
 
-def print_table(title: str, rows: list[tuple[str, np.ndarray | None, paper.Row | None, str]]) -> None:
-    """Prints rows of (name, returns of every seed, the paper's row, a remark)."""
+class Row(NamedTuple):
+    """A row of a table of returns: `returns` holds one true return a seed."""
+
+    name: str
+    returns: np.ndarray
+    published: paper.Row | None = None
+    normalized: float | None = None
+    note: str = ""
+
+
+def print_table(title: str, rows: list[Row]) -> None:
+    """Prints mean and std of each row beside the paper's, then every seed. Fits 80 columns."""
     table = Table(title=title, title_justify="left")
     table.add_column("", no_wrap=True)
-    table.add_column("mean ± std", justify="right", no_wrap=True)
-    table.add_column("paper", justify="right", no_wrap=True)
-    table.add_column("every seed", justify="right")
-    table.add_column("", style="dim")
-    for name, returns, published, remark in rows:
-        if returns is None:
-            mean, each = "-", ""
-        else:
-            mean = f"{np.mean(returns):.2f} ± {np.std(returns):.2f}" if len(returns) > 1 else f"{returns[0]:.2f}"
-            each = "  ".join(f"{r:.2f}" for r in returns) if len(returns) > 1 else ""
-        table.add_row(name, mean, paper.show(published), each, remark)
+    for name in ("mean ± std", "paper", "normalized"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        mean = f"{np.mean(row.returns):.2f}" + (f" ± {np.std(row.returns):.2f}" if len(row.returns) > 1 else "")
+        normalized = "" if row.normalized is None else f"{row.normalized:.3f}"
+        table.add_row(row.name, mean, paper.show(row.published), normalized)
     console.print(table)
+    for row in rows:
+        each = "every seed " + "  ".join(f"{r:.2f}" for r in row.returns) if len(row.returns) > 1 else ""
+        told = "; ".join(part for part in (each, row.note) if part)
+        if told:
+            console.print(f"[dim]{row.name}: {told}[/dim]", soft_wrap=True, highlight=False)
 
 
 def plot(path: Path, title: str, curves: list[Curve]) -> None:

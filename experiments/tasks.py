@@ -6,7 +6,7 @@ from rich.table import Table
 
 import envs
 from eairl_jax import InputError, demonstrations
-from experiments.demos import shipped
+from experiments.reference import shipped
 from experiments.training import console
 
 

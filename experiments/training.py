@@ -26,6 +26,11 @@ class Diverged(RuntimeError):
     """A metric became NaN or infinite; the message says which, where, and what is kept."""
 
 
+def say(message: str) -> None:
+    """A remark to the user: dim, and never wrapped, so that paths can be copied."""
+    console.print(f"[dim]{message}[/dim]", soft_wrap=True, highlight=False)
+
+
 def seed_keys(seeds: int, offset: int = 0) -> jax.Array:
     """One random key a seed, `[seeds]`; `offset` gives the phases of one experiment different ones."""
     return jax.vmap(lambda seed: jax.random.fold_in(jax.random.PRNGKey(offset), seed))(np.arange(seeds))
@@ -61,7 +66,7 @@ def train(
     done = checkpoints.latest() or 0
     if done:
         state = lanes.put(checkpoints.restore(done, lanes.take(state)))
-        console.print(f"[dim]{title}: going on from iteration {done} of {config.iterations}[/dim]")
+        say(f"{title}: going on from iteration {done} of {config.iterations}")
     if done >= config.iterations:
         return lanes.take(state)
     with console.status(f"{title}: compiling"):
@@ -88,7 +93,7 @@ def train(
             progress.update(task, completed=done, rate=rate, score=score)
             if not console.is_terminal:
                 console.print(f"{title}: iteration {done}/{config.iterations}  {rate}  {score}", soft_wrap=True)
-    console.print(f"[dim]{title}: compiled in {compile_seconds:.1f} s[/dim]")
+    say(f"{title}: compiled in {compile_seconds:.1f} s")
     return lanes.take(state)
 
 

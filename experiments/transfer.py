@@ -16,12 +16,12 @@ from eairl_jax import Algorithm, InputError, Lanes, LearnedReward, load_reward, 
 from eairl_jax.types import PyTree
 from envs.mjx_task import MjxTask
 from experiments import imitate, paper
-from experiments.demos import Reference, reference, shipped
 from experiments.folder import Folder
 from experiments.imitate import Job
+from experiments.reference import Reference, reference, shipped
 from experiments.settings import Recipe, make_env, parse_overrides, recipe
-from experiments.summary import Curve, plot, print_table, summarize
-from experiments.training import console, default_out, final_returns, seed_keys, train
+from experiments.summary import Curve, Row, plot, print_table, summarize
+from experiments.training import default_out, final_returns, say, seed_keys, train
 
 SOURCE_RETRAIN_ITERATIONS = 50
 
@@ -194,10 +194,10 @@ def transfer(job: Job, rule: Rule, source: Target, target: Target, out: Path, co
         imitation = final_returns(job.env, algorithm, state).mean(axis=1)
         reward, seen = choose_reward(learning, job, rule, source)
         save_reward(folder.path / "reward", reward)
-        reused = imitate.imitation_curves(learning, job)[:2]
+        reused = imitate.imitation_curves(learning, job)[:3]
         more = {"row": job.row, "rule": rule.kind, "imitation_returns": imitation.tolist()} | seen
         summary = reuse(folder, reward, target, job.seeds, command, job.row, reused, out.parent, more)
-    console.print(f"[dim]{job.row}: {folder.path}/ holds config, metrics, checkpoints, reward, curves, summary[/dim]")
+    say(f"{job.row}: {folder.path}/ holds config, metrics, checkpoints, reward, curves, summary")
     return summary
 
 
@@ -208,8 +208,8 @@ def reuse(folder: Folder, reward: LearnedReward, target: Target, seeds: int, com
     best = ceiling(target, seeds, ceilings)
     config = target.recipe.config
     summary = summarize(command, reward.description["task"], target.task, reward.description["method"], returns,
-                        config.iterations * config.steps_per_iteration, folder.seconds(), target.reference.expert,
-                        target.reference.random, ceiling=best.tolist(), **more)  # fmt: skip
+                        config.iterations * config.steps_per_iteration, folder.seconds(), target.reference,
+                        ceiling=best.tolist(), **more)  # fmt: skip
     panel = Curve(f"true return in {target.task}, on the learned reward", "", returned, config.steps_per_iteration,
                   ("ceiling: true reward", float(best.mean())))  # fmt: skip
     curves = [dataclasses.replace(c, panel=f"{c.panel} while learning") for c in curves]
@@ -232,7 +232,6 @@ def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str
             f"{target_env.action_size}): choose tasks of the same sizes"
         )
     put_to_use = as_target(target, target_env, retrain_assignments, restarts)
-    rows: list[tuple[str, np.ndarray | None, paper.Row | None, str]] = []
     if reward is not None:
         learned = load_reward(reward, target_env.observation_size, target_env.action_size)
         summaries = [from_artefact(learned, reward, put_to_use, out, line)]
@@ -244,26 +243,24 @@ def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str
         for job, its_rule in zip(jobs, rules, strict=True):
             where = imitate.row_out(out, f"transfer-{source}-to-{target}-{job.row}", job.row, len(jobs))
             summaries.append(transfer(job, its_rule, back_home, put_to_use, where, line))
-    for summary in summaries:
-        chosen = "/".join(map(str, summary["chosen_iterations"]))
-        published = paper.row(paper.TRANSFER, target, summary["method"]) if is_published(summary["row"]) else None
-        remark = f"normalized {summary['normalized']:.3f}; reward of iteration {chosen}"
-        rows.append((summary["row"], np.array(summary["returns"]), published, remark))
-    expert = np.array([put_to_use.reference.expert])
+    known, best = put_to_use.reference, np.array(summaries[0]["ceiling"])
     rows = [
-        ("expert", expert, paper.row(paper.TRANSFER, target, "expert"), "sampled, 500 episodes"),
-        ("ceiling", np.array(summaries[0]["ceiling"]), None, "the true reward, retrained under the same budget"),
-        *rows,
-        ("random actions", np.array([put_to_use.reference.random]), None, ""),
+        Row("expert", np.array([known.expert]), paper.row(paper.TRANSFER, target, "expert"), 1.0),
+        Row("ceiling", best, None, known.normalized(best.mean()), "the true reward, retrained under the same budget"),
     ]
-    count = len(summaries[0]["returns"])
-    print_table(f"Reward learned in {source}, used in {target}: true return of the sampled policy, {count} seeds", rows)
+    for summary in summaries:
+        published = paper.row(paper.TRANSFER, target, summary["method"]) if is_published(summary["row"]) else None
+        note = f"reward of iteration {' '.join(map(str, summary['chosen_iterations']))}"
+        rows.append(Row(summary["row"], np.array(summary["returns"]), published, summary["normalized"], note))
+    rows.append(Row("random actions", np.array([known.random]), None, 0.0))
+    count = len(best)
+    print_table(f"Reward learned in {source}, used in {target}: true return, {count} seeds", rows)
+    compiled, ran = (sum(s[f"{name}_seconds"] for s in summaries) for name in ("compile", "run"))
     peak = max(summary["peak_memory_gb"] for summary in summaries)
-    console.print(
-        f"[dim]rule: {summaries[0]['rule']} (looks at the source task only); compiled "
-        f"{sum(s['compile_seconds'] for s in summaries):.0f} s, ran {sum(s['run_seconds'] for s in summaries):.0f} s, "
-        f"peak memory {peak:.1f} GB[/dim]"
+    say(
+        f"rule: {summaries[0]['rule']} (looks at the source task only); {restarts} restarts, the best by the learned reward"
     )
+    say(f"compiled {compiled:.0f} s, ran {ran:.0f} s, peak memory {peak:.1f} GB")
 
 
 def is_published(row: str) -> bool:

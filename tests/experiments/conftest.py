@@ -25,5 +25,6 @@ def tiny(monkeypatch):
     """`--set` arguments of a tiny run; evaluations are a few episodes."""
     monkeypatch.setattr("experiments.training.EVALUATION_EPISODES", 2)
     monkeypatch.setattr("experiments.demos.SCORE_EPISODES", 2)
+    monkeypatch.setattr("experiments.reference.SCORE_EPISODES", 2)
     monkeypatch.setattr("experiments.transfer.SOURCE_RETRAIN_ITERATIONS", 2)
     return TINY

@@ -145,7 +145,7 @@ def test_nan_stops_the_run_and_keeps_the_last_good_checkpoint(tmp_path, tiny, mo
 
 def damaged(folder, change):
     """A copy of the shipped pendulum demonstrations with one thing wrong."""
-    from experiments.demos import shipped
+    from experiments.reference import shipped
 
     with np.load(shipped("pendulum")) as archive:
         arrays = change(dict(archive))
