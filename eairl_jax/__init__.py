@@ -9,6 +9,7 @@ Functional API, in the order in which a run uses it:
 """
 
 from eairl_jax import demonstrations
+from eairl_jax.bc import make_bc
 from eairl_jax.checkpoint import Checkpoints
 from eairl_jax.config import Config
 from eairl_jax.errors import InputError
@@ -38,6 +39,7 @@ __all__ = [
     "evaluate",
     "learned_reward",
     "load_reward",
+    "make_bc",
     "make_irl",
     "make_rl",
     "random_policy",

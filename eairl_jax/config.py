@@ -31,6 +31,9 @@ class Config:
     """Policy and inverse model."""
     value_hidden: tuple[int, ...] = (64, 64)
     activation: str = "relu"
+    """Of every network but the policy and the inverse model."""
+    policy_activation: str = "default"
+    """Of the policy and the inverse model: "relu" (Appendix D.1), "tanh"; "default": the method's own."""
     state_dependent_std: bool = False
     """Whether the stds of the policy and of the inverse model depend on their inputs."""
     log_std_init: float = -0.5
@@ -43,26 +46,45 @@ class Config:
     """What the reward (and a learned h) sees: "normalized" observations, like every other network, or "raw" ones. The
     coarser its input, the less a reward can single out the path that the expert took."""
 
-    # PPO
+    # The policy's optimiser
+    optimizer: str = "ppo"
+    """"ppo" or "trpo"."""
     ppo_epochs: int = 4
+    """Passes over a batch: of PPO, and of TRPO's value function."""
     ppo_minibatches: int = 4
+    cg_iterations: int = 10
+    """TRPO: conjugate-gradient steps towards the natural gradient."""
+    line_search_steps: int = 10
+    """TRPO: step sizes tried, each half of the one before."""
 
-    # The adversary
+    # The adversary. "default" is the method's own, `methods.METHODS`.
     method: str = "eairl"
-    """A row of `methods.METHODS`."""
+    """A row of `methods.METHODS`, or "bc"."""
     reward_form: str = "default"
-    """"sa": g(s,a); "s": g(s); "separable": g(s) + k(a); "default": the method's own."""
+    """"sa": g(s,a); "s": g(s); "separable": g(s) + k(a)."""
     action_part: str = "quadratic"
     """k(a) of a separable reward: "quadratic": -c |a|^2 with a learned c >= 0, a cost and nothing else; "net": any
     function of the action, which can also learn the direction in which the expert mostly went."""
     shaping: str = "default"
-    """Potential-based shaping of f: "empowerment" (Phi), "learned" (AIRL's h), "both", "none"; "default": the
-    method's own."""
+    """Potential-based shaping of f: "empowerment" (Phi), "learned" (AIRL's h), "both", "none" (Phi = 0)."""
+    shaping_discount: str = "default"
+    """"gamma", or "one" as in the authors' release."""
+    scoring_phi: str = "default"
+    """Phi(s') in the policy's reward: the slow copy ("target", Eq. 9) or Phi itself ("learning", the release)."""
+    judges: str = "default"
+    """What the discriminator tells apart: "transitions", or whole "trajectories" (GAN-GCL)."""
+    history: str = "default"
+    """The policy's samples that the discriminator sees. "iterations": evenly from the last `history_length` + 1;
+    "paths": half from the current iteration, half from a pool that keeps half of each batch (the release)."""
     history_length: int = 20
     """Iterations whose samples the discriminator sees beside the current ones."""
+    update_order: str = "default"
+    """"empowerment_first" (Algorithm 1) or "discriminator_first" (the release)."""
     discriminator_updates: int = 10
     discriminator_batch: int = 512
-    """Samples of the expert in an update, and as many of the policy."""
+    """Samples of the expert in an update, and as many of the policy. Also behaviour cloning's."""
+    penalties: tuple[str, ...] = ()
+    """Regularisers of the discriminator that are computed: "gradient", "action_variance"; weights in `HParams`."""
 
     # Empowerment
     empowerment_updates: int = 10
@@ -72,7 +94,11 @@ class Config:
     """Iterations between copies of Phi into Phi' (Appendix D.2: 5 to learn a reward, 2 to imitate)."""
     l_i_power: int = 2
     """p of Eq. 7: 1 absolute, 2 squared."""
-    inverse_loss: str = "likelihood"
+    l_i_actions: str = "default"
+    """The actions of Eq. 7: those "taken", or "drawn" anew, one from q and another from pi (the release)."""
+    l_i_in: str = "loss"
+    """Where lambda_I l_I enters: the policy's "loss" (Eq. 11) or its "reward" (section 3.4)."""
+    inverse_loss: str = "default"
     """Of q: "likelihood" (section 2.3) or "mse" (Eq. 8: the mean alone; the std stays as it began)."""
 
     @staticmethod
@@ -88,7 +114,7 @@ class Config:
     def __post_init__(self):
         for name in ("num_envs", "rollout_length", "episode_length", "iterations", "ppo_epochs", "ppo_minibatches",
                      "discriminator_updates", "discriminator_batch", "empowerment_updates", "empowerment_batch",
-                     "phi_sync_interval"):  # fmt: skip
+                     "phi_sync_interval", "cg_iterations", "line_search_steps"):  # fmt: skip
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {getattr(self, name)}: expected at least 1")
         if self.history_length < 0:
@@ -109,14 +135,36 @@ class Config:
                 raise InputError(f"{name} = {getattr(self, name)}: expected a tuple of widths, e.g. (32, 32)")
             if not getattr(self, name) or min(getattr(self, name)) < 1:
                 raise InputError(f"{name} = {getattr(self, name)}: expected one or more positive widths, e.g. (32, 32)")
-        choose("activation", self.activation, ("relu", "tanh"))
-        choose("normalize_obs", self.normalize_obs, ("task", "running", "none"))
-        choose("reward_obs", self.reward_obs, ("normalized", "raw"))
-        choose("reward_form", self.reward_form, ("default", "sa", "s", "separable"))
-        choose("action_part", self.action_part, ("quadratic", "net"))
-        choose("shaping", self.shaping, ("default", "empowerment", "learned", "both", "none"))
-        choose("inverse_loss", self.inverse_loss, ("likelihood", "mse"))
-        choose("l_i_power", self.l_i_power, (1, 2))
+        for name, options in CHOICES.items():
+            choose(name, getattr(self, name), options)
+        for penalty in self.penalties:
+            choose("penalty", penalty, ("gradient", "action_variance"))
+
+
+# What a method decides unless the configuration does.
+METHODS_OWN: dict[str, tuple[str, ...]] = {
+    "reward_form": ("sa", "s", "separable"),
+    "shaping": ("empowerment", "learned", "both", "none"),
+    "shaping_discount": ("gamma", "one"),
+    "scoring_phi": ("target", "learning"),
+    "judges": ("transitions", "trajectories"),
+    "history": ("iterations", "paths"),
+    "update_order": ("empowerment_first", "discriminator_first"),
+    "l_i_actions": ("taken", "drawn"),
+    "inverse_loss": ("likelihood", "mse"),
+    "policy_activation": ("relu", "tanh"),
+}
+
+CHOICES: dict[str, tuple] = {
+    "activation": ("relu", "tanh"),
+    "normalize_obs": ("task", "running", "none"),
+    "reward_obs": ("normalized", "raw"),
+    "optimizer": ("ppo", "trpo"),
+    "action_part": ("quadratic", "net"),
+    "l_i_power": (1, 2),
+    "l_i_in": ("loss", "reward"),
+    **{name: ("default", *options) for name, options in METHODS_OWN.items()},
+}
 
 
 def choose(what: str, given, options: Iterable) -> None:

@@ -5,6 +5,9 @@ Section 2.3 of the paper, after Mohamed and Rezende (2015).
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -61,11 +64,6 @@ def init(key: Key, obs_size: int, action_size: int, config: Config) -> Empowerme
     return Empowerment(optimize.start(inverse), optimize.start(phi), jax.tree.map(jnp.copy, phi))
 
 
-def log_q(params: PyTree, x, config: Config) -> jax.Array:
-    """log q(a|s,s') `[...]` of transitions, observations normalised."""
-    return q_distribution(params, x, config).log_prob(x.action)
-
-
 def q_distribution(params: PyTree, x, config: Config) -> Gaussian:
     """q(.|s,s'), observations normalised."""
     return GaussianMLP(x.action.shape[-1], config).apply(params, x.obs, x.next_obs)  # pyright: ignore
@@ -76,10 +74,38 @@ def phi(params: PyTree, obs: jax.Array, config: Config) -> jax.Array:
     return scalar(config).apply(params, obs)  # pyright: ignore
 
 
+class Terms(NamedTuple):
+    """What l_I needs of transitions beside Phi(s), `[...]` each.
+
+    Attributes:
+      log_q: log q(a|s,s').
+      log_prob: log pi(a|s), of the same action, or, drawn anew, of another one.
+      action: `[..., act]` the action of `log_prob`.
+    """
+
+    log_q: jax.Array
+    log_prob: jax.Array
+    action: jax.Array
+
+
+def terms(key: Key, q_params: PyTree, pi: Gaussian, x: Transition, config: Config) -> Terms:
+    """log q and log pi of the actions taken, or of actions drawn from q and from pi, each on its own (the release)."""
+    q = q_distribution(q_params, x, config)
+    if config.l_i_actions == "taken":
+        return Terms(q.log_prob(x.action), x.log_prob, x.action)
+    q_noise, pi_noise = jax.random.normal(key, (2, *x.action.shape))
+    action = pi.sample(pi_noise)
+    return jax.lax.stop_gradient(Terms(q.log_prob(q.sample(q_noise)), pi.log_prob(action), action))
+
+
 def fit(
-    key: Key, state: Empowerment, batch: Transition, hparams: HParams, config: Config
+    key: Key, state: Empowerment, batch: Transition, pi: Callable, hparams: HParams, config: Config
 ) -> tuple[Empowerment, Metrics]:
-    """Fits q by l_q, then Phi by l_I against the q just fitted, on the policy's own transitions `[T, N, ...]`."""
+    """Fits q by l_q, then Phi by l_I against the q just fitted, on the policy's own transitions `[T, N, ...]`.
+
+    Args:
+      pi: `obs -> Gaussian`, the policy that acted.
+    """
     q_key, phi_key = jax.random.split(key)
     count = (2, config.empowerment_updates, config.empowerment_batch)
 
@@ -89,16 +115,15 @@ def fit(
 
     inverse, q_metrics = optimize.fit(state.inverse, q_loss, optimize.draw(q_key, batch, *count), hparams.inverse_lr)
 
-    def phi_loss(params, x_and_log_q):
-        x, log_q_x = x_and_log_q
-        potential = phi(params, x.obs, config)
-        loss = l_i(log_q_x, x.log_prob, potential, hparams.beta, config.l_i_power).mean()
+    def phi_loss(params, minibatch):
+        obs, own = minibatch
+        potential = phi(params, obs, config)
+        loss = l_i(own.log_q, own.log_prob, potential, hparams.beta, config.l_i_power).mean()
         return loss, {"l_i": loss, "empowerment": potential.mean(), "empowerment_std": potential.std()}
 
     x = optimize.draw(phi_key, batch, *count)
-    fitted, phi_metrics = optimize.fit(
-        state.phi, phi_loss, (x, log_q(inverse.params, x, config)), hparams.phi_lr
-    )  # fmt: skip
+    own = terms(jax.random.fold_in(phi_key, 1), inverse.params, pi(x.obs), x, config)
+    fitted, phi_metrics = optimize.fit(state.phi, phi_loss, (x.obs, own), hparams.phi_lr)
     return Empowerment(inverse, fitted, state.phi_target), q_metrics | phi_metrics
 
 

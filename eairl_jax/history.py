@@ -6,8 +6,12 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from eairl_jax import optimize
 from eairl_jax.config import Config
 from eairl_jax.types import Key, Transition
+
+# Paths that the pool of the authors' release holds.
+POOL_PATHS = 100
 
 
 @struct.dataclass
@@ -24,23 +28,42 @@ class History:
 
 
 def empty(obs_size: int, action_size: int, config: Config) -> History:
-    """A ring for the current iteration and the `history_length` before it."""
-    leading = (config.history_length + 1, config.rollout_length, config.num_envs)
+    """A ring for the current iteration and the `history_length` before it, or for the pool that `paths` names."""
+    slots = config.history_length + 1
+    if config.history == "paths":
+        slots = max(1, -(-POOL_PATHS // pooled_envs(config)))
+    envs = pooled_envs(config) if config.history == "paths" else config.num_envs
+    leading = (slots, config.rollout_length, envs)
     tails = Transition((obs_size,), (action_size,), (), (obs_size,), (), (), ())
     return History(Transition(*(jnp.zeros(leading + tail) for tail in tails)), jnp.zeros((), jnp.int32))
 
 
+def pooled_envs(config: Config) -> int:
+    """How many environments of a batch the pool of the release keeps: half."""
+    return max(1, config.num_envs // 2)
+
+
 def add(history: History, transition: Transition) -> History:
-    """Puts one iteration's transitions `[T, N, ...]` in the place of the oldest."""
-    slots = history.transitions.reward.shape[0]
+    """Puts one iteration's transitions `[T, N, ...]` (as many environments as the ring has) in the oldest's place."""
+    slots, _, envs = history.transitions.reward.shape
     slot = history.added % slots
-    kept = jax.tree.map(lambda ring, new: ring.at[slot].set(new), history.transitions, transition)
+    kept = jax.tree.map(lambda ring, new: ring.at[slot].set(new[:, :envs]), history.transitions, transition)
     return History(kept, history.added + 1)
 
 
-def draw(key: Key, history: History, updates: int, batch: int) -> Transition:
-    """Draws `[updates, batch, ...]` transitions, evenly over all that the ring holds."""
-    slots, length, num_envs = history.transitions.reward.shape
-    filled = jnp.minimum(history.added, slots) * length * num_envs
+def draw(key: Key, history: History, current: Transition, updates: int, batch: int, length: int, config: Config):
+    """Draws `[updates, batch, length, ...]`: segments of `length` steps of the policy, old and new.
+
+    From the ring evenly, the current iteration being a part of it; or, with `config.history` "paths", half from
+    the ring and half from the current iteration, `[T, N, ...]`.
+    """
+    slots, steps, num_envs = history.transitions.reward.shape
+    filled = jnp.minimum(history.added, slots) * (steps // length) * num_envs
     index = jax.random.randint(key, (updates, batch), 0, filled)
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[3:])[index], history.transitions)
+    drawn = optimize.rows(history.transitions, 3, optimize.segment(index, length, num_envs))
+    if config.history == "iterations":
+        return drawn
+    now = jax.random.randint(jax.random.fold_in(key, 1), (updates, batch), 0, steps // length * config.num_envs)
+    new = optimize.rows(current, 2, optimize.segment(now, length, config.num_envs))
+    half = batch // 2
+    return jax.tree.map(lambda old, new: jnp.concatenate([old[:, :half], new[:, half:]], axis=1), drawn, new)

@@ -5,6 +5,7 @@ Every method of `methods.METHODS` is this loop; read `step` in `make_irl` first.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 
 import jax
@@ -13,7 +14,8 @@ from flax import struct
 
 from eairl_jax import actor, discriminator, empowerment, history, methods, normalize, optimize
 from eairl_jax.config import Config
-from eairl_jax.ppo import ppo
+from eairl_jax.errors import InputError
+from eairl_jax.optimizers import make_optimizer
 from eairl_jax.types import Algorithm, Demonstrations, Env, HParams, Key, PyTree, Transition, no_penalty
 
 
@@ -48,23 +50,22 @@ def make_irl(env: Env, config: Config) -> Algorithm:
     """Builds the adversarial method that `config.method` names; its `data` is `Demonstrations`.
 
     Raises:
-      InputError: for an unknown method, or an environment without flat observations.
+      InputError: for an unknown method, an environment without flat observations, or trajectories that rollouts cut.
     """
-    method = methods.resolve(config)
+    config = methods.resolve(config)
+    check_segments(config)
     obs_size, action_size = normalize.flat_size(env), env.action_size
-    optimizer = ppo(obs_size, action_size, config)
+    optimizer = make_optimizer(obs_size, action_size, config)
+    uses_empowerment = methods.uses_empowerment(config)
 
     def init(key: Key, hparams: HParams) -> IRLState:
         del hparams  # no rate is part of the state
         key, actor_key, empowerment_key, d_key = jax.random.split(key, 4)
-        fresh = discriminator.init(d_key, obs_size, action_size, method, config)
         return IRLState(
             key=key,
             actor=actor.init(actor_key, env, optimizer, config),
-            empowerment=empowerment.init(empowerment_key, obs_size, action_size, config)
-            if method.empowerment
-            else None,
-            discriminator=optimize.start(fresh),
+            empowerment=empowerment.init(empowerment_key, obs_size, action_size, config) if uses_empowerment else None,
+            discriminator=optimize.start(discriminator.init(d_key, obs_size, action_size, config)),
             history=history.empty(obs_size, action_size, config),
         )
 
@@ -75,71 +76,115 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         # tau ~ pi
         acting, raw = actor.collect(tau_key, state.actor, env, optimizer, config)
         past, tau = history.add(state.history, raw), actor.normalized(acting, raw)
+        pi = functools.partial(optimizer.distribution, acting.policy)
+
         # phi, varphi: the inverse model by l_q, then the empowerment by l_I
-        emp, metrics = fit_empowerment(emp_key, state.empowerment, tau, hparams)
+        def fit_empowerment(emp):
+            return empowerment.fit(emp_key, emp, tau, pi, hparams, config) if emp else (None, {})
+
         # xi: the discriminator, hence the reward
-        expert, policy = draw_samples(d_key, acting, emp, demos, past, hparams)
-        d, d_metrics = discriminator.fit(state.discriminator, expert, policy, hparams, method, config)
+        def fit_discriminator(emp):
+            expert, policy = draw_samples(d_key, demos, past, raw, config)
+            pair = (as_samples(x, pi, emp, acting, hparams, config) for x in (expert, policy))
+            return discriminator.fit(state.discriminator, *pair, hparams, config)
+
+        if config.update_order == "discriminator_first":
+            d, d_metrics = fit_discriminator(state.empowerment)
+            emp, metrics = fit_empowerment(state.empowerment)
+        else:
+            emp, metrics = fit_empowerment(state.empowerment)
+            d, d_metrics = fit_discriminator(emp)
+
         # theta: the policy, on the reward as it now is, and on l_I
-        seen = as_samples(emp, raw, tau, tau.log_prob, hparams)
-        logit = discriminator.logit_expert_high(d.params, seen, hparams.gamma, method, config)
-        tau = tau._replace(reward=method.policy_reward(logit))
-        pi, pi_metrics = optimizer.update(pi_key, acting.policy, tau, *l_i_penalty(emp, tau, hparams), hparams)
+        seen = as_samples(raw, None, emp, acting, hparams, config, scoring=True)
+        logit = discriminator.logit_expert_high(d.params, seen, discriminator.shaping_discount(hparams, config), config)
+        tau = tau._replace(reward=methods.METHODS[config.method].policy_reward(logit))
+        tau, penalty, penalty_data = with_l_i(jax.random.fold_in(pi_key, 1), tau, pi, emp, hparams, config)
+        policy, pi_metrics = optimizer.update(pi_key, acting.policy, tau, penalty, penalty_data, hparams)
+
         # varphi': the slow copy of the empowerment
-        acting = actor.finish(acting, pi, raw, config)
+        acting = actor.finish(acting, policy, raw, config)
         emp = empowerment.sync(emp, acting.iteration, config) if emp else None
 
         metrics |= d_metrics | pi_metrics
         metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": tau.reward.mean()}
         return IRLState(key, acting, emp, d, past), metrics
 
-    def fit_empowerment(key, emp, tau: Transition, hparams: HParams):
-        return empowerment.fit(key, emp, tau, hparams, config) if emp else (None, {})
-
-    def draw_samples(key, acting, emp, demos: Demonstrations, past: history.History, hparams: HParams):
-        """Minibatches of the expert and of the policy's history, log pi of both under the current policy."""
-        count = (config.discriminator_updates, config.discriminator_batch)
-        expert_key, policy_key = jax.random.split(key)
-        drawn = optimize.draw(expert_key, demos, 2, *count), history.draw(policy_key, past, *count)
-
-        def prepare(raw):
-            x = actor.normalized(acting, raw)
-            log_prob = optimizer.distribution(acting.policy, x.obs).log_prob(x.action)
-            return as_samples(emp, raw, x, log_prob, hparams)
-
-        return prepare(drawn[0]), prepare(drawn[1])
-
-    def as_samples(emp, raw, x, log_prob, hparams: HParams) -> discriminator.Samples:
-        """What the logit needs of `raw` samples and the same ones normalised, `x`.
-
-        Phi is a constant in it: no gradient of the discriminator's loss reaches Phi.
-        """
-        phi_shaping = jnp.zeros_like(log_prob)
-        if method.shaping in ("empowerment", "both"):
-            phi = empowerment.phi(emp.phi.params, x.obs, config)
-            next_phi = empowerment.phi(emp.phi_target, x.next_obs, config)
-            phi_shaping = discriminator.shaping(phi, next_phi, x.terminated, hparams.gamma)
-        seen = raw if config.reward_obs == "raw" else x
-        return discriminator.Samples(
-            seen.obs, x.action, seen.next_obs, x.terminated, log_prob, jax.lax.stop_gradient(phi_shaping)
-        )  # fmt: skip
-
-    def l_i_penalty(emp, tau: Transition, hparams: HParams):
-        """lambda_I l_I as a cost on log pi (Eq. 11), and what it needs of each transition."""
-        if not emp:
-            return no_penalty, ()
-
-        def penalty(log_prob, log_q_and_phi):
-            log_q, phi = log_q_and_phi
-            return hparams.lambda_i * empowerment.l_i(log_q, log_prob, phi, hparams.beta, config.l_i_power)
-
-        log_q = empowerment.log_q(emp.inverse.params, tau, config)
-        return penalty, (log_q, empowerment.phi(emp.phi.params, tau.obs, config))
-
     def act(state: IRLState, obs, key=None):
         return actor.sample(state.actor, obs, key, optimizer)
 
     return Algorithm(init, step, act)
+
+
+def check_segments(config: Config, demo_length: int | None = None) -> None:
+    """Raises `InputError` where trajectories are judged and rollouts or demonstrations do not hold whole ones.
+
+    Only lengths can be checked: an environment that ends episodes before `config.episode_length` is not for GAN-GCL.
+    """
+    for name, length in (("rollout_length", config.rollout_length), ("the demonstrations' length", demo_length)):
+        if config.judges == "trajectories" and length and length % config.episode_length:
+            raise InputError(
+                f"{config.method} judges whole trajectories: {name} = {length} must be a multiple of episode_length = "
+                f"{config.episode_length}, or episodes are cut in pieces"
+            )
+
+
+def draw_samples(key: Key, demos: Demonstrations, past: history.History, raw: Transition, config: Config):
+    """Raw minibatches `[updates, batch, length, ...]` of the expert and of the policy's history."""
+    check_segments(config, demos.reward.shape[1])
+    length = config.episode_length if config.judges == "trajectories" else 1
+    updates, batch = config.discriminator_updates, -(-config.discriminator_batch // length)
+    expert_key, policy_key = jax.random.split(key)
+    index = jax.random.randint(expert_key, (updates, batch), 0, demos.reward.size // length)
+    expert = optimize.rows(demos, 2, optimize.segment(index, length))
+    return expert, history.draw(policy_key, past, raw, updates, batch, length, config)
+
+
+def as_samples(
+    raw, pi, emp, acting: actor.Actor, hparams: HParams, config: Config, scoring: bool = False
+) -> discriminator.Samples:
+    """What the logit needs of raw samples, log pi under the current policy `pi`; None: as it was when they were taken.
+
+    Phi is a constant in it: no gradient of the discriminator's loss reaches Phi.
+    """
+    x = actor.normalized(acting, raw)
+    log_prob = pi(x.obs).log_prob(x.action) if pi else raw.log_prob
+    phi_shaping = jnp.zeros_like(log_prob)
+    if config.shaping in ("empowerment", "both"):
+        next_params = emp.phi.params if scoring and config.scoring_phi == "learning" else emp.phi_target
+        phi, next_phi = empowerment.phi(emp.phi.params, x.obs, config), empowerment.phi(next_params, x.next_obs, config)
+        phi_shaping = discriminator.shaping(
+            phi, next_phi, x.terminated, discriminator.shaping_discount(hparams, config)
+        )
+    seen = raw if config.reward_obs == "raw" else x
+    return discriminator.Samples(
+        seen.obs, x.action, seen.next_obs, x.terminated, log_prob, jax.lax.stop_gradient(phi_shaping)
+    )  # fmt: skip
+
+
+def with_l_i(key: Key, tau: Transition, pi, emp, hparams: HParams, config: Config):
+    """lambda_I l_I where `config.l_i_in` says: in the reward, or as a cost on the policy (Eq. 11).
+
+    Returns:
+      The transitions, the penalty, and what the penalty needs of each transition.
+    """
+    if not emp:
+        return tau, no_penalty, ()
+    own = empowerment.terms(key, emp.inverse.params, pi(tau.obs), tau, config)
+    phi = empowerment.phi(emp.phi.params, tau.obs, config)
+
+    def cost(log_prob, log_q, phi):
+        return hparams.lambda_i * empowerment.l_i(log_q, log_prob, phi, hparams.beta, config.l_i_power)
+
+    if config.l_i_in == "reward":
+        return tau._replace(reward=tau.reward - cost(own.log_prob, own.log_q, phi)), no_penalty, ()
+
+    def penalty(now, log_prob, data):
+        log_q, phi, *drawn = data
+        return cost(now.log_prob(drawn[0]) if drawn else log_prob, log_q, phi)
+
+    drawn = (own.action,) if config.l_i_actions == "drawn" else ()
+    return tau, penalty, (own.log_q, phi, *drawn)
 
 
 def learned_reward(state: IRLState) -> RewardParams:
@@ -150,10 +195,10 @@ def learned_reward(state: IRLState) -> RewardParams:
 
 def reward_function(config: Config) -> Callable[[RewardParams, jax.Array, jax.Array], jax.Array]:
     """`(RewardParams, raw obs [..., obs], action [..., act]) -> reward [...]` of the form that `config` names."""
-    form = methods.resolve(config).reward_form
+    config = methods.resolve(config)
 
     def reward(learned: RewardParams, obs, action):
         seen = obs if config.reward_obs == "raw" else normalize.normalize(learned.obs_stats, obs)
-        return discriminator.reward(learned.params, seen, action, form, config)
+        return discriminator.reward(learned.params, seen, action, config)
 
     return reward

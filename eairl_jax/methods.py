@@ -1,17 +1,18 @@
 """How the adversarial methods differ: a row each.
 
 Every method gives one number a transition, `logit = log D - log(1 - D)`, high for the expert. The discriminator's
-loss is binary cross-entropy on it; the policy's reward is a function of it.
+loss is binary cross-entropy on it, or on its sum over a trajectory; the policy's reward is a function of it.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax
 
-from eairl_jax.config import Config, choose
+from eairl_jax.config import METHODS_OWN, Config, choose
 
 
 def airl_logit(f: jax.Array, log_prob: jax.Array) -> jax.Array:
@@ -38,13 +39,14 @@ def neg_log_one_minus_d(logit: jax.Array) -> jax.Array:
 class Method:
     """One adversarial method.
 
+    The fields after `policy_reward` are what "default" means in the `Config` fields of the same names; theirs is the
+    documentation. Their defaults here are the paper's EAIRL, `reward_form` apart.
+
     Attributes:
       summary: a line for the help text.
-      logit_expert_high: `(f, log_prob) -> logit`.
+      logit_expert_high: `(f, log_prob) -> logit`, a transition.
       policy_reward: `logit -> reward` that the policy is trained on.
-      reward_form: what the transferable reward sees, unless `Config.reward_form` says otherwise.
-      shaping: what shapes it into f, unless `Config.shaping` says otherwise.
-      empowerment: whether q and Phi are trained and l_I regularises the policy.
+      empowerment: whether l_I regularises the policy, so that q and Phi are trained even if they shape nothing.
     """
 
     summary: str
@@ -53,29 +55,54 @@ class Method:
     reward_form: str
     shaping: str
     empowerment: bool = False
+    judges: str = "transitions"
+    shaping_discount: str = "gamma"
+    scoring_phi: str = "target"
+    history: str = "iterations"
+    update_order: str = "empowerment_first"
+    l_i_actions: str = "taken"
+    inverse_loss: str = "likelihood"
+    policy_activation: str = "relu"
 
 
 METHODS: dict[str, Method] = {
     "eairl": Method("reward r(s,a) shaped by empowerment (Qureshi et al. 2019)",
                     airl_logit, log_d_ratio, "sa", "empowerment", empowerment=True),
+    "eairl_release": Method("EAIRL as its authors released it, where that differs from their paper",
+                            airl_logit, log_d_ratio, "sa", "empowerment", empowerment=True, shaping_discount="one",
+                            scoring_phi="learning", history="paths", update_order="discriminator_first",
+                            l_i_actions="drawn", inverse_loss="mse", policy_activation="tanh"),
     "airl_sa": Method("reward r(s,a) with learned shaping", airl_logit, log_d_ratio, "sa", "learned"),
     "airl_s": Method("reward r(s) with learned shaping (Fu et al. 2018)", airl_logit, log_d_ratio, "s", "learned"),
     "gail": Method("a classifier of (s,a) (Ho and Ermon 2016)", gail_logit, neg_log_one_minus_d, "sa", "none"),
+    # D = exp f(tau) / (exp f(tau) + pi(tau)), whose 1/Z is the bias of f; the policy's -log(1 - D) + log D is
+    # f(tau) - log pi(tau), a sum over the trajectory and so a reward a transition.
+    "gan_gcl": Method("a discriminator of whole trajectories (Finn et al. 2016)",
+                      airl_logit, log_d_ratio, "sa", "none", judges="trajectories"),
 }  # fmt: skip
 
 
-def resolve(config: Config) -> Method:
-    """The row that a configuration names, its "default" choices filled in.
+def names() -> tuple[str, ...]:
+    """Every method: the rows, and behaviour cloning, which has no adversary and so no row but `bc.make_bc`."""
+    return (*METHODS, "bc")
+
+
+def resolve(config: Config) -> Config:
+    """The configuration with every "default" replaced by the method's own.
 
     Raises:
       InputError: for an unknown method.
     """
     choose("method", config.method, METHODS)
     row = METHODS[config.method]
-    reward_form = row.reward_form if config.reward_form == "default" else config.reward_form
-    shaping = row.shaping if config.shaping == "default" else config.shaping
-    if config.shaping == "default" and reward_form == "separable" and shaping == "empowerment":
+    own = {name: getattr(row, name) for name in METHODS_OWN if getattr(config, name) == "default"}
+    form = own.get("reward_form", config.reward_form)
+    if own.get("shaping") == "empowerment" and form == "separable":
         # g(s) has to explain every action by itself, and Phi is too flat to help it: h carries the value, as in AIRL.
-        shaping = "both"
-    needs_phi = row.empowerment or shaping in ("empowerment", "both")
-    return Method(row.summary, row.logit_expert_high, row.policy_reward, reward_form, shaping, needs_phi)
+        own["shaping"] = "both"
+    return dataclasses.replace(config, **own)
+
+
+def uses_empowerment(config: Config) -> bool:
+    """Whether a resolved configuration trains q and Phi."""
+    return METHODS[config.method].empowerment or config.shaping in ("empowerment", "both")

@@ -52,7 +52,8 @@ class GaussianMLP(nn.Module):
         config, x = self.config, jnp.concatenate(inputs, axis=-1)
         outputs = 2 * self.action_size if config.state_dependent_std else self.action_size
         # A small last layer: the first policy acts around 0 everywhere, whatever the observation's scale.
-        out = MLP(config.policy_hidden, outputs, config.activation, out_scale=0.01)(x)
+        activation = "relu" if config.policy_activation == "default" else config.policy_activation
+        out = MLP(config.policy_hidden, outputs, activation, out_scale=0.01)(x)
         if config.state_dependent_std:
             mean, raw = jnp.split(out, 2, axis=-1)
         else:

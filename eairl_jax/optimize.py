@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import jax
@@ -65,7 +66,20 @@ def fit(
 
 def draw(key: jax.Array, data: PyTree, axes: int, updates: int, batch: int) -> PyTree:
     """Draws minibatches `[updates, batch, ...]` with replacement from data whose first `axes` axes are samples."""
-    flat = jax.tree.map(lambda x: jnp.asarray(x).reshape(-1, *x.shape[axes:]), data)
-    size = jax.tree.leaves(flat)[0].shape[0]
-    index = jax.random.randint(key, (updates, batch), 0, size)
-    return jax.tree.map(lambda x: x[index], flat)
+    size = jax.tree.leaves(data)[0].size // max(1, math.prod(jax.tree.leaves(data)[0].shape[axes:]))
+    return rows(data, axes, jax.random.randint(key, (updates, batch), 0, size))
+
+
+def rows(data: PyTree, axes: int, index: jax.Array) -> PyTree:
+    """The samples of an index, `[*index.shape, ...]`, of data whose first `axes` axes are samples."""
+    return jax.tree.map(lambda x: jnp.asarray(x).reshape(-1, *x.shape[axes:])[index], data)
+
+
+def segment(index: jax.Array, length: int, num_envs: int = 1) -> jax.Array:
+    """Rows, of samples laid out `[..., T, num_envs]`, of the segments of `length` steps that `index` counts.
+
+    Returns:
+      `[*index.shape, length]`; with a length of 1 the index itself.
+    """
+    block, env = jnp.divmod(index[..., None], num_envs)
+    return (block * length + jnp.arange(length)) * num_envs + env

@@ -9,7 +9,7 @@ from flax import struct
 
 from eairl_jax import actor, normalize
 from eairl_jax.config import Config
-from eairl_jax.ppo import ppo
+from eairl_jax.optimizers import make_optimizer
 from eairl_jax.types import Algorithm, Env, HParams, Key, PyTree, Transition, no_penalty
 
 
@@ -29,14 +29,14 @@ def true_reward(_data: PyTree, batch: Transition) -> jax.Array:
 def make_rl(
     env: Env, config: Config, reward: Callable[[PyTree, Transition], jax.Array] = true_reward
 ) -> Algorithm:  # fmt: skip
-    """Builds PPO on `reward(data, raw transitions [T, N, ...]) -> [T, N]`; `data` is what `step` is given.
+    """Builds PPO or TRPO on `reward(data, raw transitions [T, N, ...]) -> [T, N]`; `data` is what `step` is given.
 
     The metric `true_return` is the environment's own, whatever the reward.
 
     Raises:
       InputError: for an environment without flat observations.
     """
-    optimizer = ppo(normalize.flat_size(env), env.action_size, config)
+    optimizer = make_optimizer(normalize.flat_size(env), env.action_size, config)
 
     def init(key: Key, hparams: HParams) -> RLState:
         del hparams  # no rate is part of the state

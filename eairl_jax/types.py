@@ -8,6 +8,8 @@ from typing import Any, NamedTuple, Protocol
 import jax
 from flax import struct
 
+from eairl_jax.gaussian import Gaussian
+
 PyTree = Any
 Key = jax.Array
 
@@ -79,12 +81,16 @@ class HParams:
       policy_lr_end: fraction of `policy_lr` left at `Config.iterations` (linear in between).
       clip_eps: PPO's clipping of the probability ratio.
       max_grad_norm: PPO's bound on the gradient's norm.
+      kl_limit: TRPO's bound on KL(old policy || new policy) of an iteration, nats; above 0.
+      cg_damping: TRPO's multiple of the identity added to the Fisher matrix.
       entropy_weight: weight of the policy's entropy (Appendix D.2: 0.1 to learn a reward, 0.001 to imitate).
       entropy_end: fraction of `entropy_weight` left at `Config.iterations`.
       std_end: fraction of the policy's std left at `Config.iterations` (geometric in between): explore first, then
         settle.
       lambda_i: lambda_I, the weight of l_I in the policy's objective (Eq. 11).
       beta: temperature of the empowerment (Eq. 6, 7).
+      gradient_penalty: weight of `discriminator.gradient_penalty`; counts if `Config.penalties` names it.
+      action_variance: weight of `discriminator.action_variance`; counts if `Config.penalties` names it.
       discriminator_lr, inverse_lr, phi_lr: Adam's rates for D (the reward), q(a|s,s') and Phi(s).
     """
 
@@ -94,11 +100,15 @@ class HParams:
     policy_lr_end: float | jax.Array = 1.0
     clip_eps: float | jax.Array = 0.2
     max_grad_norm: float | jax.Array = 0.5
+    kl_limit: float | jax.Array = 0.01
+    cg_damping: float | jax.Array = 0.1
     entropy_weight: float | jax.Array = 0.001
     entropy_end: float | jax.Array = 1.0
     std_end: float | jax.Array = 1.0
     lambda_i: float | jax.Array = 0.001
     beta: float | jax.Array = 1.0
+    gradient_penalty: float | jax.Array = 0.0
+    action_variance: float | jax.Array = 0.0
     discriminator_lr: float | jax.Array = 1e-3
     inverse_lr: float | jax.Array = 1e-3
     phi_lr: float | jax.Array = 1e-3
@@ -131,8 +141,8 @@ class Algorithm(NamedTuple):
     act: Callable[[PyTree, jax.Array, Key | None], jax.Array]
 
 
-# (log pi_theta(a|s) [batch], what the penalty needs of each transition) -> cost [batch]
-Penalty = Callable[[jax.Array, PyTree], jax.Array]
+# (pi_theta(.|s), log pi_theta(a|s) [batch], what the penalty needs of each transition) -> cost [batch]
+Penalty = Callable[[Gaussian, jax.Array, PyTree], jax.Array]
 
 
 class PolicyOptimizer(NamedTuple):
@@ -141,16 +151,16 @@ class PolicyOptimizer(NamedTuple):
     Attributes:
       init: `(key) -> policy`, the policy's whole state.
       update: `(key, policy, transitions, penalty, penalty_data, hparams) -> (policy, metrics)`. The penalty is a
-        cost on log pi, added to the objective: EAIRL's l_I reaches the policy through it. `penalty_data` is a
-        pytree of `[T, N, ...]`, cut into minibatches with the transitions.
+        cost on pi, added to the objective: EAIRL's l_I reaches the policy through it. `penalty_data` is a pytree of
+        `[T, N, ...]`, cut into minibatches with the transitions.
       distribution: `(policy, obs [..., obs]) -> Gaussian` over actions.
     """
 
     init: Callable[[Key], PyTree]
     update: Callable[[Key, PyTree, Transition, Penalty, PyTree, HParams], tuple[PyTree, Metrics]]
-    distribution: Callable[[PyTree, jax.Array], Any]
+    distribution: Callable[[PyTree, jax.Array], Gaussian]
 
 
-def no_penalty(log_prob: jax.Array, _data: PyTree) -> jax.Array:
+def no_penalty(_pi: Gaussian, log_prob: jax.Array, _data: PyTree) -> jax.Array:
     """The penalty of plain reinforcement learning: none."""
     return jax.numpy.zeros_like(log_prob)

@@ -8,19 +8,19 @@ from collections.abc import Callable
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from rich.table import Table
 
-from eairl_jax import Lanes, actor, discriminator, empowerment, make_irl, optimize
+from eairl_jax import InputError, Lanes, actor, discriminator, empowerment, history, make_irl
 from eairl_jax.artefact import write_json
-from eairl_jax.methods import resolve
-from eairl_jax.ppo import ppo
+from eairl_jax.irl import as_samples, draw_samples
+from eairl_jax.methods import METHODS, resolve
+from eairl_jax.optimizers import make_optimizer
 from eairl_jax.types import PyTree, no_penalty
 from experiments.folder import machine
 from experiments.imitate import Job, prepare
 from experiments.summary import peak_memory_gb
-from experiments.training import console, seed_keys
+from experiments.training import console, lane_keys
 
 SEEDS = 5
 ROUNDS = 7
@@ -30,79 +30,95 @@ def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], json_pa
             assignments: tuple[str, ...], iterations: int, line: str) -> None:  # fmt: skip
     """Measures every job of `eairl bench`, prints a table for each and writes all figures as JSON."""
     jobs = prepare(task, methods, forms, SEEDS, None, "reward", assignments)
-    results = {"command": line, "task": task, "machine": machine(), "rows": {}}
     for job in jobs:
-        with console.status(f"{job.row} in {task}: measuring"):
-            results["rows"][job.row] = measure(job, iterations)
-        _print(job, results["rows"][job.row])
+        if not job.has_reward:
+            raise InputError(f"{job.row} is not adversarial: bench measures {', '.join(METHODS)}")
+    with console.status(f"{task}: compiling and measuring"):
+        results = measure(jobs, iterations)
+    for job in jobs:
+        _print(job, results[job.row])
+    if len(jobs) > 1:
+        _compare(task, results)
     if json_path:
         json_path.parent.mkdir(parents=True, exist_ok=True)
-        write_json(json_path, results)
+        write_json(json_path, {"command": line, "task": task, "machine": machine(), "rows": results})
 
 
-def measure(job: Job, iterations: int) -> dict:
-    """All figures of one job; every time is the median over interleaved rounds, in seconds an iteration."""
-    config, hparams = job.recipe.config, job.recipe.hparams
-    env, method = job.env, resolve(config)
-    algorithm = make_irl(env, config)
-    optimizer = ppo(env.observation_size, env.action_size, config)
-    device = jax.devices()[:1]
+def measure(jobs: list[Job], iterations: int) -> dict[str, dict]:
+    """All figures of every job; times are medians over rounds in which all jobs take turns, seconds an iteration."""
+    programs: dict[tuple[str, str], Callable[[], None]] = {}
+    compiled = {}
+    for job in jobs:
+        runs, compiled[job.row] = whole_iterations(job, iterations)
+        for name, run in (stages(job, iterations) | runs).items():
+            programs[job.row, name] = run
+    seconds = _time(programs, iterations)
+    results = {}
+    for job in jobs:
+        own = {name: s for (row, name), s in seconds.items() if row == job.row}
+        steps = job.recipe.config.steps_per_iteration
+        results[job.row] = {
+            "env_steps_per_iteration": steps,
+            "milliseconds": {name: 1e3 * s for name, s in own.items()},
+            "simulation_steps_per_second": steps / own["simulation alone"],
+            "iteration_steps_per_second": steps / own["iteration"],
+            "iteration_over_simulation": own["simulation alone"] / own["iteration"],
+            "five_seeds_over_one": own["iteration, five seeds"] / own["iteration"],
+            "compile_seconds": compiled[job.row],
+            "peak_memory_gb": peak_memory_gb(),
+            "config": dataclasses.asdict(job.recipe.config),
+        }
+    return results
 
-    programs, compile_seconds = {}, {}
-    for seeds, devices in ((1, device), (SEEDS, jax.devices())):
-        lanes = Lanes(algorithm, seed_keys(seeds), hparams, job.demos, devices=devices)
-        state = lanes.init()
-        compile_seconds[seeds] = lanes.compile(state, iterations)
-        programs[seeds] = [lanes, state]
 
-    def iteration(seeds: int) -> Callable[[], None]:
+def whole_iterations(job: Job, iterations: int) -> tuple[dict[str, Callable[[], None]], dict[str, float]]:
+    """Programs of whole iterations, of one seed on one device and of five on all, and what compiling them took."""
+    algorithm, runs, compile_seconds = make_irl(job.env, job.recipe.config), {}, {}
+
+    def program(lanes: Lanes, state: PyTree) -> Callable[[], None]:
+        held = [state]  # a chunk consumes the state it is given
+
         def run():
-            lanes, state = programs[seeds]
-            programs[seeds][1], _ = lanes.run(state, iterations)
+            held[0], _ = lanes.run(held[0], iterations)
 
         return run
 
-    one = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), programs[1][0].take(programs[1][1]))
-    _, raw = jax.jit(lambda key, acting: actor.collect(key, acting, env, optimizer, config))(one.key, one.actor)
-    tau = actor.normalized(one.actor, raw)
-    count = (2, config.discriminator_updates, config.discriminator_batch)
-    drawn = optimize.draw(one.key, tau, *count)
-    pair = discriminator.Samples(drawn.obs, drawn.action, drawn.next_obs, drawn.terminated, drawn.log_prob,
-                                 jnp.zeros_like(drawn.log_prob))  # fmt: skip
+    for name, seeds, devices in (("iteration", 1, jax.devices()[:1]), ("iteration, five seeds", SEEDS, jax.devices())):
+        lanes = Lanes(algorithm, lane_keys(0, range(seeds)), job.recipe.hparams, job.demos, devices=devices)
+        state = lanes.init()
+        compile_seconds[str(seeds)] = lanes.compile(state, iterations)
+        runs[name] = program(lanes, state)
+    return runs, compile_seconds
 
-    def collect(key, acting):
-        return actor.collect(key, acting, env, optimizer, config)[0]
 
-    stages: dict[str, Callable[[], None]] = {
-        "simulation alone": _repeat(
-            lambda key, state: simulate(key, state, env, config), one.actor.rollout.env, iterations
-        ),
-        "rollout": _repeat(collect, one.actor, iterations),
-        "discriminator": _repeat(
-            lambda key, d: discriminator.fit(d, pair, pair, hparams, method, config)[0], one.discriminator, iterations
-        ),
-        "policy": _repeat(
-            lambda key, pi: optimizer.update(key, pi, tau, no_penalty, (), hparams)[0], one.actor.policy, iterations
-        ),
+def stages(job: Job, iterations: int) -> dict[str, Callable[[], None]]:
+    """A program for each stage of an iteration of one seed, and one for the simulation in it alone."""
+    config, hparams, env = resolve(job.recipe.config), job.recipe.hparams, job.env
+    optimizer = make_optimizer(env.observation_size, env.action_size, config)
+    state = jax.jit(make_irl(env, config).init)(jax.random.PRNGKey(0), hparams)
+    acting, raw = jax.jit(lambda s: actor.collect(s.key, s.actor, env, optimizer, config))(state)
+    past, tau = history.add(state.history, raw), actor.normalized(acting, raw)
+
+    def pi(obs):
+        return optimizer.distribution(acting.policy, obs)
+
+    def discriminate(key, d):
+        drawn = draw_samples(key, job.demos, past, raw, config)
+        pair = (as_samples(x, pi, state.empowerment, acting, hparams, config) for x in drawn)
+        return discriminator.fit(d, *pair, hparams, config)[0]
+
+    programs = {
+        "simulation alone": (lambda key, s: simulate(key, s, env, config), acting.rollout.env),
+        "rollout": (lambda key, a: actor.collect(key, a, env, optimizer, config)[0], acting),
+        "discriminator": (discriminate, state.discriminator),
+        "policy": (lambda key, p: optimizer.update(key, p, tau, no_penalty, (), hparams)[0], acting.policy),
     }
-    if method.empowerment:
-        stages["empowerment"] = _repeat(
-            lambda key, emp: empowerment.fit(key, emp, tau, hparams, config)[0], one.empowerment, iterations
+    if state.empowerment:
+        programs["empowerment"] = (
+            lambda key, emp: empowerment.fit(key, emp, tau, pi, hparams, config)[0],
+            state.empowerment,
         )
-    stages |= {"iteration": iteration(1), "iteration, five seeds": iteration(SEEDS)}
-    seconds = _time(stages, iterations)
-    steps = config.steps_per_iteration
-    return {
-        "env_steps_per_iteration": steps,
-        "milliseconds": {name: 1e3 * s for name, s in seconds.items()},
-        "simulation_steps_per_second": steps / seconds["simulation alone"],
-        "iteration_steps_per_second": steps / seconds["iteration"],
-        "iteration_over_simulation": seconds["simulation alone"] / seconds["iteration"],
-        "five_seeds_over_one": seconds["iteration, five seeds"] / seconds["iteration"],
-        "compile_seconds": {str(seeds): s for seeds, s in compile_seconds.items()},
-        "peak_memory_gb": peak_memory_gb(),
-        "config": dataclasses.asdict(config),
-    }
+    return {name: _repeat(stage, start, iterations) for name, (stage, start) in programs.items()}
 
 
 def simulate(key: jax.Array, state: PyTree, env, config) -> PyTree:
@@ -120,11 +136,11 @@ def _repeat(stage: Callable[[jax.Array, PyTree], PyTree], state: PyTree, iterati
     return lambda: jax.block_until_ready(program(state))
 
 
-def _time(programs: dict[str, Callable[[], None]], iterations: int) -> dict[str, float]:
+def _time(programs: dict, iterations: int) -> dict:
     """Median seconds an iteration of each program; rounds are interleaved, so that noise meets all alike."""
     for run in programs.values():
         run()
-    taken: dict[str, list[float]] = {name: [] for name in programs}
+    taken: dict[tuple[str, str], list[float]] = {name: [] for name in programs}
     for _ in range(ROUNDS):
         for name, run in programs.items():
             started = time.perf_counter()
@@ -150,3 +166,15 @@ def _print(job: Job, result: dict) -> None:
         f"compile: {result['compile_seconds']['1']:.1f} s one seed, {result['compile_seconds'][str(SEEDS)]:.1f} s five "
         f"(seconds only, where the persistent cache is warm); peak memory {result['peak_memory_gb']:.1f} GB"
     )
+
+
+def _compare(task: str, results: dict[str, dict]) -> None:
+    first = next(iter(results))
+    table = Table(title=f"Iterations in {task}, one seed, measured in turns", title_justify="left")
+    for name in ("", "ms", "over simulation alone", f"time over {first}"):
+        table.add_column(name, justify="right" if name else "left")
+    base = results[first]["milliseconds"]["iteration"]
+    for row, result in results.items():
+        ms = result["milliseconds"]["iteration"]
+        table.add_row(row, f"{ms:.1f}", f"{result['iteration_over_simulation']:.2f}", f"{ms / base:.2f}")
+    console.print(table)

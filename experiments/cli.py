@@ -7,11 +7,12 @@ import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 from tyro.conf import Positional, arg, subcommand
 
+Task = Annotated[Positional[str], arg(metavar="TASK", help="Name of a task; `eairl tasks` lists them.")]
 Set = Annotated[
     tuple[str, ...],
     arg(
@@ -22,8 +23,9 @@ Set = Annotated[
 ]
 Methods = Annotated[
     tuple[str, ...],
-    arg(metavar="NAME", help="One or more of eairl, airl_sa, airl_s, gail; each gets a row in the table."),
-]
+    arg(metavar="NAME", help="One or more of eairl, eairl_release, airl_sa, airl_s, gail, gan_gcl, bc; each gets a row "
+        "in the table."),
+]  # fmt: skip
 Forms = Annotated[
     tuple[str, ...],
     arg(metavar="FORM", help="What the reward sees: sa (the paper's r(s,a)), s, separable (g(s) + k(a), recommended "
@@ -35,7 +37,14 @@ Out = Annotated[
 Demos = Annotated[
     Path | None, arg(metavar="FILE", help="Demonstrations (.npz). Default: the 20 episodes that we ship.")
 ]
+Optimizer = Annotated[Literal["ppo", "trpo"], arg(help="How policies are trained.")]
 Seeds = Annotated[int, arg(help="Independent runs, trained side by side.")]
+FirstSeed = Annotated[int, arg(help="Number of the first of them; another one than 0 gives fresh random numbers.")]
+
+
+def seed_range(command) -> range:
+    """The seeds of a command."""
+    return range(command.first_seed, command.first_seed + command.seeds)
 
 
 @dataclass
@@ -50,29 +59,28 @@ class Tasks:
 
 @dataclass
 class Expert:
-    """Train experts by PPO on a task's own reward.
+    """Train experts on a task's own reward, by PPO or TRPO.
 
     The best of the seeds is what `eairl demos` then collects demonstrations from.
     """
 
-    task: Positional[str]
-    """Name of a task; `eairl tasks` lists them."""
+    task: Task
     seeds: Seeds = 4
+    optimizer: Optimizer = "ppo"
     out: Out = None
     set: Set = ()
 
     def run(self, line: str) -> None:
         from experiments import expert
 
-        expert.command(self.task, self.seeds, self.out, self.set, line)
+        expert.command(self.task, self.seeds, self.out, (f"optimizer={self.optimizer}", *self.set), line)
 
 
 @dataclass
 class Collect:
     """Collect demonstrations from a trained expert: an .npz of whole episodes and a .json of where they came from."""
 
-    task: Positional[str]
-    """Name of a task."""
+    task: Task
     expert: Annotated[Path | None, arg(metavar="DIR", help="Folder of `eairl expert`. Default: runs/expert-TASK.")] = (
         None
     )
@@ -96,11 +104,12 @@ class Imitate:
     last checkpoint when the same command is given again.
     """
 
-    task: Positional[str]
-    """Name of a task."""
+    task: Task
     method: Methods = ("eairl",)
     reward_form: Forms = ("default",)
     seeds: Seeds = 5
+    first_seed: FirstSeed = 0
+    optimizer: Optimizer = "ppo"
     demos: Demos = None
     out: Out = None
     set: Set = ()
@@ -108,7 +117,35 @@ class Imitate:
     def run(self, line: str) -> None:
         from experiments import imitate
 
-        imitate.command(self.task, self.method, self.reward_form, self.seeds, self.demos, self.out, self.set, line)
+        imitate.command(self.task, self.method, self.reward_form, seed_range(self), self.demos, self.out,
+                        (f"optimizer={self.optimizer}", *self.set), line)  # fmt: skip
+
+
+@dataclass
+class Sweep:
+    """Train one method with many values of its floats, all in one compiled program: one table and one figure.
+
+    A setting with a list of values is swept; several such settings make a grid. For example
+    `eairl sweep pendulum --method eairl --set lambda_i=0,0.001,0.1,1 --seeds 5`.
+    """
+
+    task: Task
+    method: Annotated[str, arg(metavar="NAME", help="One method.")] = "eairl"
+    reward_form: Annotated[str, arg(metavar="FORM", help="sa, s, separable or default.")] = "default"
+    seeds: Seeds = 5
+    first_seed: FirstSeed = 0
+    optimizer: Optimizer = "ppo"
+    demos: Demos = None
+    out: Out = None
+    set: Annotated[
+        tuple[str, ...], arg(name="set", metavar="NAME=A,B,C", help="What to sweep, and any other setting.")
+    ] = ()
+
+    def run(self, line: str) -> None:
+        from experiments import sweep
+
+        sweep.command(self.task, (self.method,), (self.reward_form,), seed_range(self), self.demos, self.out,
+                      (f"optimizer={self.optimizer}", *self.set), line)  # fmt: skip
 
 
 @dataclass
@@ -119,23 +156,24 @@ class Transfer:
     goes on from its last checkpoint when the same command is given again.
     """
 
-    source: Positional[str]
-    """Task that was demonstrated."""
-    target: Positional[str]
-    """Task in which the reward is used."""
+    source: Annotated[Positional[str], arg(metavar="SOURCE", help="Task that was demonstrated.")]
+    target: Annotated[Positional[str], arg(metavar="TARGET", help="Task in which the reward is used.")]
     method: Methods = ("eairl",)
     reward_form: Forms = ("default",)
     seeds: Seeds = 5
+    first_seed: FirstSeed = 0
     rule: Annotated[
-        str,
-        arg(help="Which iteration's reward is taken: last, iteration=N, or source_retrain (retrain on every kept "
-            "snapshot in SOURCE and take the best by SOURCE's true return). None looks at TARGET."),
-    ] = "source_retrain"  # fmt: skip
+        tuple[str, ...],
+        arg(metavar="RULE", help="Which iteration's reward is taken: last, iteration=N, or source_retrain (retrain on "
+            "every kept snapshot in SOURCE and take the best by SOURCE's true return). None looks at TARGET. Several "
+            "give several rows, from one learning."),
+    ] = ("source_retrain",)  # fmt: skip
+    optimizer: Optimizer = "ppo"
     demos: Demos = None
     reward: Annotated[
         Path | None, arg(metavar="DIR", help="Use this saved reward (a run's reward/ folder) instead of learning one.")
     ] = None
-    out: Out = None
+    out: Annotated[Path | None, arg(metavar="DIR", help="Where the rows' folders are made. Default: runs/.")] = None
     set: Set = ()
     retrain_set: Annotated[
         tuple[str, ...], arg(metavar="NAME=VALUE", help="Like --set, for the policies that are trained on the reward.")
@@ -143,21 +181,23 @@ class Transfer:
     restarts: Annotated[
         int,
         arg(help="Policies trained in TARGET for each score; the best of them by the learned reward is kept."),
-    ] = 4
+    ] = 2
 
     def run(self, line: str) -> None:
         from experiments import transfer
 
-        transfer.command(self.source, self.target, self.method, self.reward_form, self.seeds, self.rule, self.demos,
-                         self.reward, self.out, self.set, self.retrain_set, self.restarts, line)  # fmt: skip
+        by = f"optimizer={self.optimizer}"
+        transfer.command(
+            self.source, self.target, self.method, self.reward_form, seed_range(self), self.rule, self.demos,
+            self.reward, self.out, (by, *self.set), (by, *self.retrain_set), self.restarts, line,
+        )  # fmt: skip
 
 
 @dataclass
 class Bench:
     """Measure a whole iteration beside the simulation in it, its stages, five seeds beside one, and compiling."""
 
-    task: Positional[str]
-    """Name of a task."""
+    task: Task
     method: Methods = ("eairl",)
     reward_form: Forms = ("default",)
     json: Annotated[Path | None, arg(metavar="FILE", help="Write all figures here as well.")] = None
@@ -176,6 +216,7 @@ Command = (
     | Annotated[Expert, subcommand("expert")]
     | Annotated[Collect, subcommand("demos")]
     | Annotated[Imitate, subcommand("imitate")]
+    | Annotated[Sweep, subcommand("sweep")]
     | Annotated[Transfer, subcommand("transfer")]
     | Annotated[Bench, subcommand("bench")]
 )

@@ -16,7 +16,7 @@ from experiments import paper
 from experiments.folder import Folder
 from experiments.settings import make_env, parse_overrides, recipe
 from experiments.summary import Curve, Row, plot, print_table
-from experiments.training import default_out, final_returns, say, seed_keys, train
+from experiments.training import default_out, final_returns, lane_keys, say, train
 
 
 def command(task: str, seeds: int, out: Path | None, assignments: tuple[str, ...], line: str) -> None:
@@ -34,7 +34,7 @@ def command(task: str, seeds: int, out: Path | None, assignments: tuple[str, ...
     summary = folder.summary()
     if summary is None:
         algorithm = make_rl(env, own.config)
-        lanes = Lanes(algorithm, seed_keys(seeds), own.hparams)
+        lanes = Lanes(algorithm, lane_keys(0, range(seeds)), own.hparams)
         state = train(folder, f"expert of {task}", lanes, own, [{"seed": seed} for seed in range(seeds)])
         sampled = final_returns(env, algorithm, state).mean(axis=1)
         mean_action = final_returns(env, algorithm, state, sampled=False).mean(axis=1)
@@ -77,7 +77,7 @@ def load_expert(path: Path, task: str, env: MjxTask) -> tuple[Algorithm, PyTree,
         raise InputError(f"{path} holds an expert of {settings['task']}, not of {task}")
     config = Config.from_json(settings["config"])
     algorithm = make_rl(env, config)
-    lanes = Lanes(algorithm, seed_keys(settings["seeds"]), HParams(**settings["hparams"]))
+    lanes = Lanes(algorithm, lane_keys(0, range(settings["seeds"])), HParams(**settings["hparams"]))
     state = Checkpoints(path / "checkpoints").restore(config.iterations, lanes.take(lanes.init()))
     curve = Folder(path, settings).curve("true_return", settings["seeds"])
     best = int(np.argmax(curve[:, -max(1, config.iterations // 10) :].mean(axis=1)))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import datetime
+import hashlib
+import json
 import os
 import platform
 import shutil
@@ -112,6 +114,11 @@ class Folder:
         """One metric as `[lanes, iterations]`."""
         values = np.array([float(row[name]) for row in self.metrics()])
         return values.reshape(-1, lanes).T
+
+
+def digest(settings: dict) -> str:
+    """Six characters that tell these settings from others, for the name of a folder."""
+    return hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode()).hexdigest()[:6]
 
 
 def machine() -> dict:

@@ -19,19 +19,23 @@ from eairl_jax import (
     demonstrations,
     learned_reward,
     load_reward,
-    make_irl,
     save_reward,
 )
 from eairl_jax.config import choose
-from eairl_jax.methods import METHODS, resolve
+from eairl_jax.methods import METHODS, names, resolve
 from eairl_jax.types import PyTree
 from envs.mjx_task import MjxTask
-from experiments import paper
+from experiments import algorithms, paper
 from experiments.folder import Folder
 from experiments.reference import Reference, reference, shipped
 from experiments.settings import Recipe, make_env, parse_overrides, recipe
 from experiments.summary import Curve, Row, plot, print_table, summarize
-from experiments.training import default_out, final_returns, say, seed_keys, train
+from experiments.training import console, default_out, final_returns, lane_keys, say, train
+
+# Phases of an experiment, for `lane_keys`.
+LEARN, RETRAIN, SOURCE_RETRAIN = 0, 1, 2
+
+SATURATED_ACCURACY = 0.99
 
 
 @dataclass(frozen=True)
@@ -44,63 +48,81 @@ class Job:
     demos: Demonstrations
     demos_path: Path
     reference: Reference
-    seeds: int
+    seeds: range
 
     @property
     def row(self) -> str:
-        """The row's name: "eairl-separable"."""
-        return f"{self.recipe.config.method}-{resolve(self.recipe.config).reward_form}"
+        """The row's name: "eairl-separable"; of a method without a reward its own."""
+        method = self.recipe.config.method
+        return f"{method}-{resolve(self.recipe.config).reward_form}" if self.has_reward else method
+
+    @property
+    def has_reward(self) -> bool:
+        """Whether the method learns one."""
+        return self.recipe.config.method in METHODS
 
     @property
     def is_published(self) -> bool:
         """Whether the row has the method's own reward form, the one that the paper's row has."""
-        return resolve(self.recipe.config).reward_form == METHODS[self.recipe.config.method].reward_form
+        row = METHODS.get(self.recipe.config.method)
+        return row is None or resolve(self.recipe.config).reward_form == row.reward_form
 
     def settings(self) -> dict:
         """What makes this run this run."""
         return {
             "task": self.task,
             "demonstrations": str(self.demos_path),
-            "seeds": self.seeds,
+            "seeds": list(self.seeds),
             "config": dataclasses.asdict(self.recipe.config),
             "hparams": dataclasses.asdict(self.recipe.hparams),
             "snapshot_every": self.recipe.snapshot_every,
         }
 
 
-def prepare(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: int, demos: Path | None,
+def prepare(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: range, demos: Path | None,
             purpose: str, assignments: tuple[str, ...]) -> list[Job]:  # fmt: skip
     """Checks everything that a command was given and returns a job for each method and reward form.
 
     Raises:
       InputError: for anything that could not be trained.
     """
-    if seeds < 1:
-        raise InputError(f"--seeds {seeds}: expected at least 1")
+    if not seeds or min(seeds) < 0:
+        raise InputError(f"--seeds {len(seeds)} --first-seed {seeds.start}: expected at least 1 seed, none negative")
     env, overrides = make_env(task), parse_overrides(assignments)
     for method in methods:
-        choose("method", method, METHODS)
+        choose("method", method, names())
     path = demos or shipped(task)
     data = demonstrations.load(path, task, env.observation_size, env.action_size)
-    jobs = []
-    for method in methods:
-        for form in forms:
-            own = recipe(task, env, purpose, {"method": method, "reward_form": form} | overrides)
-            resolve(own.config)
-            jobs.append(Job(task, env, own, data, path, reference(task, env, path, data), seeds))
+    known = reference(task, env, path, data)
+    recipes = [recipe(task, env, purpose, {"method": method, "reward_form": form} | overrides)
+               for method in methods for form in (forms if method in METHODS else ("default",))]  # fmt: skip
+    algorithms.refuse_meaningless([own.config for own in recipes], set(overrides))
+    for own in recipes:
+        algorithms.check(own.config, data)
+    jobs = [Job(task, env, own, data, path, known, seeds) for own in recipes]
     return list({job.row: job for job in jobs}.values())
 
 
-def learn(folder: Folder, job: Job) -> tuple[Algorithm, PyTree]:
-    """Trains a job in a folder, keeping a snapshot of every seed's reward in `snapshots/`; the final state."""
-    algorithm = make_irl(job.env, job.recipe.config)
-    lanes = Lanes(algorithm, seed_keys(job.seeds), job.recipe.hparams, job.demos)
+def learn(folder: Folder, job: Job, points: list[dict[str, float]] | None = None) -> tuple[Algorithm, PyTree]:
+    """Trains a job in a folder, keeping a snapshot of every lane's reward in `snapshots/`.
+
+    Args:
+      points: of a sweep, floats of `HParams` that replace the recipe's; each is trained with every seed.
+
+    Returns:
+      The algorithm and the final state `[points * seeds, ...]`, the seeds of one point beside each other.
+    """
+    algorithm, points = algorithms.make(job.env, job.recipe.config), points or [{}]
+    labels = [{"seed": seed} | point for point in points for seed in job.seeds]
+    swept = {name: np.array([label[name] for label in labels], np.float32) for name in points[0]}
+    keys = lane_keys(LEARN, [label["seed"] for label in labels])
+    lanes = Lanes(algorithm, keys, dataclasses.replace(job.recipe.hparams, **swept), job.demos)
 
     def keep(iteration: int, state: PyTree) -> None:
-        save_reward(snapshot_path(folder, iteration), describe(job, learned_reward(state), [iteration] * job.seeds))
+        save_reward(snapshot_path(folder, iteration), describe(job, learned_reward(state), [iteration] * len(labels)))
 
-    labels = [{"seed": seed} for seed in range(job.seeds)]
-    return algorithm, train(folder, f"{job.row} in {job.task}", lanes, job.recipe, labels, keep)
+    title = f"{job.row} in {job.task}"
+    return algorithm, train(folder, title, lanes, job.recipe, labels, keep if job.has_reward else None)
 
 
 def snapshot_path(folder: Folder, iteration: int) -> Path:
@@ -118,7 +140,7 @@ def describe(job: Job, params, iterations: list[int]) -> LearnedReward:
         "action_limit": job.env.action_limit,
         "method": config.method,
         "reward_form": resolve(config).reward_form,
-        "seeds": list(range(job.seeds)),
+        "seeds": list(job.seeds),
         "iterations": iterations,
         "hparams": dataclasses.asdict(job.recipe.hparams),
     }
@@ -133,14 +155,31 @@ def imitate(job: Job, out: Path, command: str) -> dict:
         algorithm, state = learn(folder, job)
         returns = final_returns(job.env, algorithm, state).mean(axis=1)
         config = job.recipe.config
-        save_reward(folder.path / "reward", load_reward(snapshot_path(folder, config.iterations)))
-        summary = summarize(command, job.task, None, config.method, returns,
+        if job.has_reward:
+            save_reward(folder.path / "reward", load_reward(snapshot_path(folder, config.iterations)))
+        summary = summarize(command, job.task, None, config.method, job.seeds, returns,
                             config.iterations * config.steps_per_iteration, folder.seconds(),
                             job.reference, row=job.row)  # fmt: skip
         plot(folder.path / "curves.png", f"{job.row}: imitation of {job.task}", imitation_curves(folder, job))
         folder.finish(summary)
-    say(f"{job.row}: {folder.path}/ holds config, metrics, checkpoints, reward, curves, summary")
+    say(f"{job.row}: in {folder.path}/")
+    warn_if_saturated(folder, job)
     return summary
+
+
+def warn_if_saturated(folder: Folder, job: Job) -> None:
+    """Says so if a discriminator was right about nearly everything for most of the run: it then teaches little."""
+    if not job.has_reward:
+        return
+    share = (folder.curve("accuracy", len(job.seeds)) > SATURATED_ACCURACY).mean(axis=1)
+    if (share > 0.5).any():
+        seeds = " ".join(str(job.seeds[lane]) for lane in np.flatnonzero(share > 0.5))
+        console.print(
+            f"[yellow]{job.row}: the discriminator was above {SATURATED_ACCURACY:.0%} accuracy in most iterations "
+            f"(seeds {seeds}), where its reward says little. Try --set discriminator_lr=0.0003, "
+            "discriminator_updates=3, gradient_penalty=1 or a larger entropy_weight[/yellow]",
+            soft_wrap=True,
+        )
 
 
 def imitation_curves(folder: Folder, job: Job) -> list[Curve]:
@@ -148,10 +187,13 @@ def imitation_curves(folder: Folder, job: Job) -> list[Curve]:
     steps = job.recipe.config.steps_per_iteration
 
     def curve(panel, label, name, level=None):
-        return Curve(panel, label, folder.curve(name, job.seeds), steps, level)
+        return Curve(panel, label, folder.curve(name, len(job.seeds)), steps, level)
 
+    true = curve("true return", "", "true_return", ("expert", job.reference.expert))
+    if not job.has_reward:
+        return [true, curve("log-likelihood", "of the expert's actions", "log_prob_expert")]
     return [
-        curve("true return", "", "true_return", ("expert", job.reference.expert)),
+        true,
         curve("discriminator accuracy", "on the expert", "accuracy_expert", ("chance", 0.5)),
         curve("discriminator accuracy", "on the policy", "accuracy_policy"),
         curve("learned reward", "on the expert", "reward_expert"),
@@ -159,7 +201,7 @@ def imitation_curves(folder: Folder, job: Job) -> list[Curve]:
     ]
 
 
-def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: int, demos: Path | None,
+def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: range, demos: Path | None,
             out: Path | None, assignments: tuple[str, ...], line: str) -> None:  # fmt: skip
     """Runs every job of `eairl imitate` and prints one table."""
     jobs = prepare(task, methods, forms, seeds, demos, "imitate", assignments)
@@ -171,7 +213,7 @@ def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: 
         published = paper.row(paper.IMITATION, task, job.recipe.config.method) if job.is_published else None
         rows.append(Row(job.row, np.array(summary["returns"]), published, summary["normalized"]))
     rows.append(Row("random actions", np.array([jobs[0].reference.random]), None, 0.0))
-    print_table(f"Imitation of {task}: true return of the sampled policy, {seeds} seeds", rows)
+    print_table(f"Imitation of {task}: true return of the sampled policy, {len(seeds)} seeds", rows)
 
 
 def row_out(out: Path | None, name: str, row: str, count: int) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import resource
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -28,8 +29,8 @@ class Curve:
     """A horizontal line to compare with: its name and height."""
 
 
-def summarize(command: str, task: str, target: str | None, method: str, returns: np.ndarray, env_steps: int,
-              seconds: dict, known: Reference, **more) -> dict:  # fmt: skip
+def summarize(command: str, task: str, target: str | None, method: str, seeds: Sequence[int], returns: np.ndarray,
+              env_steps: int, seconds: dict, known: Reference, **more) -> dict:  # fmt: skip
     """The content of `summary.json`; `returns [seeds]`, one true return a seed."""
     mean = float(np.mean(returns))
     return {
@@ -37,7 +38,7 @@ def summarize(command: str, task: str, target: str | None, method: str, returns:
         "task": task,
         "target": target,
         "method": method,
-        "seeds": list(range(len(returns))),
+        "seeds": list(seeds),
         "env_steps": env_steps,
         **seconds,
         "expert": known.expert,
@@ -107,6 +108,34 @@ def plot(path: Path, title: str, curves: list[Curve]) -> None:
         axis.spines[["top", "right"]].set_visible(False)
         if len(drawn) > 1 or drawn[0].label:
             axis.legend(frameon=False, fontsize=8)
+    figure.suptitle(title)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)
+
+
+def plot_sweep(path: Path, title: str, names: list[str], returns: np.ndarray, curves: np.ndarray,
+               steps_per_iteration: int, expert: float) -> None:  # fmt: skip
+    """Draws final returns `[settings, seeds]`, a dot a seed, and mean curves `[settings, seeds, iterations]`."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, (final, learning) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
+    colors = plt.get_cmap("viridis")(np.linspace(0.0, 0.9, len(names)))
+    for i, color in enumerate(colors):
+        final.plot(np.full(returns.shape[1], i), returns[i], "o", color=color, alpha=0.6)
+        final.plot([i - 0.2, i + 0.2], [returns[i].mean()] * 2, color=color, lw=2)
+        values = np.ma.masked_invalid(curves[i]).mean(axis=0)
+        learning.plot((1 + np.arange(len(values))) * steps_per_iteration, values, color=color, label=names[i])
+    final.set_xticks(range(len(names)), names, rotation=20, ha="right")
+    final.set_title("final true return, a dot a seed")
+    learning.set(title="true return while learning, mean", xlabel="environment steps of one seed")
+    learning.legend(frameon=False, fontsize=8)
+    for axis in (final, learning):
+        axis.axhline(expert, color="black", lw=0.8, ls="--")
+        axis.annotate("expert", (1, expert), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)
+        axis.spines[["top", "right"]].set_visible(False)
     figure.suptitle(title)
     figure.savefig(path, dpi=130)
     plt.close(figure)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import jax
@@ -18,6 +19,7 @@ from experiments.folder import Folder
 from experiments.settings import Recipe
 
 console = Console()
+RUNS = Path("runs")
 EVALUATION_EPISODES = 100
 EVALUATION_SEED = 10_000
 
@@ -31,9 +33,18 @@ def say(message: str) -> None:
     console.print(f"[dim]{message}[/dim]", soft_wrap=True, highlight=False)
 
 
-def seed_keys(seeds: int, offset: int = 0) -> jax.Array:
-    """One random key a seed, `[seeds]`; `offset` gives the phases of one experiment different ones."""
-    return jax.vmap(lambda seed: jax.random.fold_in(jax.random.PRNGKey(offset), seed))(np.arange(seeds))
+def lane_keys(phase: int, *numbers: Sequence[int]) -> jax.Array:
+    """One random key a lane, `[lanes]`, from all that tells it apart.
+
+    Args:
+      phase: of the experiment; each draws its own random numbers.
+      numbers: of every lane, for example its seed, and its restart.
+    """
+
+    def key(*own):
+        return functools.reduce(jax.random.fold_in, own, jax.random.PRNGKey(phase))
+
+    return jax.vmap(key)(*(np.asarray(each) for each in numbers))
 
 
 def train(
@@ -143,4 +154,4 @@ def _refuse_nan(metrics: dict, done: int, labels: list[dict], kept: int | None) 
 
 def default_out(name: str) -> Path:
     """Where a run goes unless the user says otherwise."""
-    return Path("runs") / name
+    return RUNS / name

@@ -5,13 +5,14 @@ import re
 import pytest
 
 from eairl_jax import METHODS, Config, InputError
-from eairl_jax.methods import resolve
+from eairl_jax.config import METHODS_OWN
+from eairl_jax.methods import resolve, uses_empowerment
 
 REFUSED = [
     *({name: 0} for name in (
         "num_envs", "rollout_length", "episode_length", "iterations", "ppo_epochs", "ppo_minibatches",
         "discriminator_updates", "discriminator_batch", "empowerment_updates", "empowerment_batch",
-        "phi_sync_interval",
+        "phi_sync_interval", "cg_iterations", "line_search_steps",
     )),
     {"history_length": -1},
     {"hidden": ()},
@@ -25,6 +26,15 @@ REFUSED = [
     {"shaping": "off"},
     {"inverse_loss": "mle"},
     {"l_i_power": 3},
+    {"l_i_actions": "fresh"},
+    {"l_i_in": "cost"},
+    {"optimizer": "sac"},
+    {"judges": "pairs"},
+    {"shaping_discount": "two"},
+    {"scoring_phi": "slow"},
+    {"history": "all"},
+    {"update_order": "policy_first"},
+    {"policy_activation": "gelu"},
     {"method": "bc"},
 ]  # fmt: skip
 
@@ -46,6 +56,9 @@ def test_the_message_names_the_setting_and_the_value(setting):
         ({"shaping": "empowermnt"}, "empowerment"),
         ({"activation": "Relu"}, "relu"),
         ({"inverse_loss": "liklihood"}, "likelihood"),
+        ({"method": "gangcl"}, "gan_gcl"),
+        ({"update_order": "discriminator"}, "discriminator_first"),
+        ({"penalties": ("gradients",)}, "gradient"),
     ],
 )
 def test_a_typo_is_answered_with_the_nearest_name(setting, meant):
@@ -73,11 +86,14 @@ def test_a_good_configuration_is_accepted_hashable_and_counts_its_steps():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_default_is_the_methods_own_choice_and_a_given_one_wins(method):
-    row = METHODS[method]
-    assert resolve(Config(method=method)) == row
-    chosen = resolve(Config(method=method, reward_form="separable", shaping="both"))
-    assert (chosen.reward_form, chosen.shaping, chosen.empowerment) == ("separable", "both", True)
-    assert resolve(Config(method=method, shaping="none")).empowerment == row.empowerment
+    row, own = METHODS[method], resolve(Config(method=method))
+    assert {name: getattr(own, name) for name in METHODS_OWN} == {name: getattr(row, name) for name in METHODS_OWN}
+    assert resolve(own) == own
+    assert uses_empowerment(own) == row.empowerment
+    given = {name: choices[-1] for name, choices in METHODS_OWN.items()}
+    assert resolve(Config(method=method, **given)) == Config(method=method, **given)
+    assert uses_empowerment(resolve(Config(method=method, shaping="both")))
+    assert uses_empowerment(resolve(Config(method=method, shaping="none"))) == row.empowerment
 
 
 @pytest.mark.parametrize(
@@ -88,6 +104,7 @@ def test_default_is_the_methods_own_choice_and_a_given_one_wins(method):
         ({"method": "eairl", "shaping": "none"}, "none"),
         ({"method": "airl_sa"}, "learned"),
         ({"method": "gail"}, "none"),
+        ({"method": "eairl_release"}, "both"),
     ],
 )
 def test_a_separable_reward_gets_a_learned_potential_beside_phi_unless_told_otherwise(changes, shaping):

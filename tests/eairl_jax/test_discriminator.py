@@ -1,4 +1,4 @@
-"""The reward's forms, the shaping, and the loss, against NumPy."""
+"""The reward's forms, the shaping, the loss and its regularisers, against NumPy."""
 
 import jax
 import jax.numpy as jnp
@@ -9,19 +9,26 @@ from eairl_jax import HParams, discriminator, optimize
 from eairl_jax.methods import resolve
 
 GAMMA, BATCH = 0.9, 16
+HPARAMS = HParams(gamma=GAMMA)
+FORMS = {
+    "sa": {"reward_form": "sa"},
+    "s": {"reward_form": "s"},
+    "quadratic": {"reward_form": "separable", "action_part": "quadratic"},
+    "net": {"reward_form": "separable", "action_part": "net"},
+}
 
 
 @pytest.fixture
 def samples():
-    """Random `Samples`, a quarter of them terminated."""
+    """Random `Samples` `[BATCH, length]`, a quarter of them terminated."""
 
-    def make(seed):
+    def make(seed, length=1, spread=1.0):
         rng = np.random.default_rng(seed)
 
         def draw(*tail):
-            return jnp.asarray(rng.normal(size=(BATCH, *tail)), jnp.float32)
+            return jnp.asarray(spread * rng.normal(size=(BATCH, length, *tail)), jnp.float32)
 
-        terminated = jnp.asarray(rng.random(BATCH) < 0.25, jnp.float32)
+        terminated = jnp.asarray(rng.random((BATCH, length)) < 0.25, jnp.float32)
         return discriminator.Samples(draw(4), draw(2), draw(4), terminated, draw(), draw())
 
     return make
@@ -29,15 +36,14 @@ def samples():
 
 @pytest.fixture
 def made(tiny):
-    """`(method, config, params)`."""
+    """`(resolved config, params)`."""
 
     def make(**changes):
-        config = tiny(**changes)
-        method = resolve(config)
-        params = discriminator.init(jax.random.PRNGKey(0), 4, 2, method, config)
+        config = resolve(tiny(**changes))
+        params = discriminator.init(jax.random.PRNGKey(0), 4, 2, config)
         if "raw_cost" in params.get("k", ()):
             params["k"]["raw_cost"] += 0.7
-        return method, config, params
+        return config, params
 
     return make
 
@@ -46,11 +52,11 @@ def made(tiny):
 def expected_f(mlp, numpy_reward):
     """f(s, a, s'), written out."""
 
-    def f(params, x, shaping):
+    def f(params, x, shaping, discount=GAMMA):
         f = numpy_reward(params, x.obs, x.action)
         if shaping in ("learned", "both"):
-            h, next_h = (mlp(params["h"], obs)[:, 0] for obs in (x.obs, x.next_obs))
-            f = f + GAMMA * np.where(x.terminated == 1, 0, next_h) - h
+            h, next_h = (mlp(params["h"], obs)[..., 0] for obs in (x.obs, x.next_obs))
+            f = f + discount * np.where(x.terminated == 1, 0, next_h) - h
         return f + x.phi_shaping if shaping in ("empowerment", "both") else f
 
     return f
@@ -58,37 +64,31 @@ def expected_f(mlp, numpy_reward):
 
 @pytest.mark.parametrize(
     ("form", "parts", "inputs"),
-    [
-        ({"reward_form": "sa"}, {"g"}, 6),
-        ({"reward_form": "s"}, {"g"}, 4),
-        ({"reward_form": "separable", "action_part": "quadratic"}, {"g", "k"}, 4),
-        ({"reward_form": "separable", "action_part": "net"}, {"g", "k"}, 4),
-    ],
-    ids=["sa", "s", "quadratic", "net"],
+    [("sa", {"g"}, 6), ("s", {"g"}, 4), ("quadratic", {"g", "k"}, 4), ("net", {"g", "k"}, 4)],
 )
 @pytest.mark.parametrize("shaping", ["empowerment", "learned", "both", "none"])
 def test_logit_is_reward_and_shaping_less_log_pi(made, samples, numpy_reward, expected_f, form, parts, inputs, shaping):
-    method, config, params = made(shaping=shaping, **form)
+    config, params = made(shaping=shaping, **FORMS[form])
     assert set(params) == parts | ({"h"} if shaping in ("learned", "both") else set())
     assert params["g"]["params"]["MLP_0"]["Dense_0"]["kernel"].shape[0] == inputs
     x = samples(0)
-    logit = discriminator.logit_expert_high(params, x, GAMMA, method, config)
+    logit = discriminator.logit_expert_high(params, x, GAMMA, config)
     np.testing.assert_allclose(logit, expected_f(params, x, shaping) - x.log_prob, atol=1e-5)
-    reward = discriminator.reward(params, x.obs, x.action, method.reward_form, config)
+    reward = discriminator.reward(params, x.obs, x.action, config)
     np.testing.assert_allclose(reward, numpy_reward(params, x.obs, x.action), atol=1e-5)
 
 
 def test_eairl_without_shaping_is_unshaped_airl_and_so_is_a_potential_of_zero(made, samples):
     x = samples(0)
-    airl, config, params = made(method="airl_sa", shaping="none")
-    unshaped = discriminator.logit_expert_high(params, x, GAMMA, airl, config)
-    eairl, config, same = made(method="eairl", shaping="none")
+    airl, params = made(method="airl_sa", shaping="none")
+    unshaped = discriminator.logit_expert_high(params, x, GAMMA, airl)
+    eairl, same = made(method="eairl", shaping="none")
     jax.tree.map(np.testing.assert_array_equal, params, same)
-    np.testing.assert_array_equal(discriminator.logit_expert_high(same, x, GAMMA, eairl, config), unshaped)
-    shaped, config, same = made(method="eairl")
-    phi_0 = x._replace(phi_shaping=jnp.zeros(BATCH))
-    np.testing.assert_array_equal(discriminator.logit_expert_high(same, phi_0, GAMMA, shaped, config), unshaped)
-    assert np.abs(discriminator.logit_expert_high(same, x, GAMMA, shaped, config) - unshaped).max() > 0.1
+    np.testing.assert_array_equal(discriminator.logit_expert_high(same, x, GAMMA, eairl), unshaped)
+    shaped, same = made(method="eairl")
+    phi_0 = x._replace(phi_shaping=jnp.zeros_like(x.phi_shaping))
+    np.testing.assert_array_equal(discriminator.logit_expert_high(same, phi_0, GAMMA, shaped), unshaped)
+    assert np.abs(discriminator.logit_expert_high(same, x, GAMMA, shaped) - unshaped).max() > 0.1
 
 
 @pytest.mark.parametrize("terminated", [False, True])
@@ -102,29 +102,112 @@ def test_shaping_telescopes_over_an_episode(terminated):
     np.testing.assert_allclose(total, last - potential[0], rtol=1e-12)
 
 
-@pytest.mark.parametrize("method", ["eairl", "gail"])
-def test_loss_is_cross_entropy_with_the_expert_labelled_1(made, samples, expected_f, method):
-    row, config, params = made(method=method)
-    expert, policy = samples(1), samples(2)
-    loss, metrics = discriminator.loss(params, expert, policy, GAMMA, row, config)
-    log_pi = [x.log_prob if method == "eairl" else 0.0 for x in (expert, policy)]
-    expert_d, policy_d = (
-        1 / (1 + np.exp(minus - expected_f(params, x, row.shaping)))
-        for x, minus in zip((expert, policy), log_pi, strict=True)
-    )
+@pytest.mark.parametrize(
+    ("method", "length", "changes"),
+    [
+        ("eairl", 1, {}),
+        ("airl_sa", 1, {}),
+        ("airl_sa", 1, {"shaping_discount": "one"}),
+        ("gail", 1, {}),
+        ("gan_gcl", 3, {}),
+        ("eairl", 3, {"judges": "trajectories", "shaping": "both"}),
+    ],
+)
+def test_loss_is_cross_entropy_with_the_expert_labelled_1(made, samples, expected_f, method, length, changes):
+    """D of a trajectory is `exp f(tau) / (exp f(tau) + pi(tau))`, f(tau) a sum and pi(tau) a product."""
+    config, params = made(method=method, **changes)
+    discount = 1.0 if changes.get("shaping_discount") == "one" else GAMMA
+
+    def d(x):
+        f = np.asarray(expected_f(params, x, config.shaping, discount), np.float64).sum(axis=-1)
+        pi = 1.0 if method == "gail" else np.exp(np.asarray(x.log_prob, np.float64)).prod(axis=-1)
+        return np.exp(f) / (np.exp(f) + pi)
+
+    expert, policy = samples(1, length, 2.0), samples(2, length, 2.0)
+    loss, metrics = discriminator.loss(params, expert, policy, HPARAMS, config)
+    expert_d, policy_d = d(expert), d(policy)
+    logit = discriminator.logit_expert_high(params, expert, discount, config).sum(axis=-1)
+    np.testing.assert_allclose(logit, np.log(expert_d / (1 - expert_d)), rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(loss, -0.5 * (np.log(expert_d).mean() + np.log(1 - policy_d).mean()), rtol=1e-4)
+    np.testing.assert_allclose(metrics["discriminator_loss"], loss, rtol=1e-6)
     np.testing.assert_allclose(metrics["accuracy_expert"], (expert_d > 0.5).mean(), rtol=1e-6)
     np.testing.assert_allclose(metrics["accuracy_policy"], (policy_d < 0.5).mean(), rtol=1e-6)
+    saturated = np.abs(np.concatenate([expert_d, policy_d]) - 0.5).round(12) > 0.49
+    assert 0 < saturated.mean() < 1
+    np.testing.assert_allclose(metrics["saturated"], saturated.mean(), rtol=1e-6)
 
 
-def test_fit_learns_to_tell_the_expert_from_the_policy(made, samples):
-    method, config, params = made(method="gail")
-    expert = samples(1)._replace(action=samples(1).action + 2.0)
-    minibatches = jax.tree.map(lambda x: jnp.repeat(x[None], 100, axis=0), (expert, samples(2)))
+@pytest.mark.parametrize("method", ["gail", "gan_gcl"])
+def test_fit_learns_to_tell_the_expert_from_the_policy(made, samples, method):
+    config, params = made(method=method)
+    length = 3 if method == "gan_gcl" else 1
+    expert = samples(1, length)._replace(action=samples(1, length).action + 2.0)
+    minibatches = jax.tree.map(lambda x: jnp.repeat(x[None], 100, axis=0), (expert, samples(2, length)))
     fitted, seen = optimize.start(params), []
     for _ in range(2):
-        fitted, metrics = discriminator.fit(fitted, *minibatches, HParams(discriminator_lr=1e-2), method, config)
+        fitted, metrics = discriminator.fit(fitted, *minibatches, HParams(discriminator_lr=1e-2), config)
         seen.append(metrics)
     first, second = seen
     assert second["discriminator_loss"] < 0.5 * first["discriminator_loss"]
     assert min(second["accuracy_expert"], second["accuracy_policy"]) > 0.9
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_gradient_penalty_is_on_the_slope_between_expert_and_policy(made, samples, numpy_reward, form):
+    config, params = made(**FORMS[form])
+    expert, policy = samples(1, 2), samples(2, 2)
+    ends = [np.concatenate([x.obs, x.action], axis=-1).reshape(-1, 6).astype(np.float64) for x in (expert, policy)]
+    share = (np.arange(2 * BATCH) * 0.6180339887 % 1)[:, None]
+    at, eps = share * ends[0] + (1 - share) * ends[1], 1e-6
+
+    def reward(x):
+        return numpy_reward(params, x[:, :4], x[:, 4:])
+
+    slope = np.stack([(reward(at + step) - reward(at - step)) / (2 * eps) for step in eps * np.eye(6)], axis=-1)
+    expected = ((np.linalg.norm(slope, axis=-1) - 1) ** 2).mean()
+    np.testing.assert_allclose(discriminator.gradient_penalty(params, expert, policy, config), expected, rtol=1e-3)
+    assert expected > 0.01
+
+
+def test_a_flat_reward_has_a_penalty_with_a_gradient(made, samples):
+    """The norm's derivative at 0 is not a number, unless one keeps away from it."""
+    config, params = made()
+    flat = jax.tree.map(jnp.zeros_like, params)
+    value, slope = jax.value_and_grad(discriminator.gradient_penalty)(flat, samples(1), samples(2), config)
+    np.testing.assert_allclose(value, 1.0, atol=1e-4)
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(slope))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_action_variance_is_over_actions_of_other_samples_at_one_state(made, samples, mlp, numpy_reward, form):
+    config, params = made(**FORMS[form])
+    x = samples(1, 2)
+    given = discriminator.action_variance(params, x, config)
+    obs, action = (np.asarray(part, np.float64) for part in (x.obs, x.action))
+    own_and_three_more = [action[np.arange(BATCH) - back] for back in range(4)]
+    # g(s) is the same for every action: only what the action adds to it varies, which is nothing for g(s) alone.
+    if form == "sa":
+        rewards = [numpy_reward(params, obs, a) for a in own_and_three_more]
+    elif form == "net":
+        rewards = [mlp(params["k"], a)[..., 0] for a in own_and_three_more]
+    else:
+        cost = np.log1p(np.exp(float(params["k"]["raw_cost"]))) if form == "quadratic" else 0.0
+        rewards = [-cost * (a**2).sum(axis=-1) for a in own_and_three_more]
+    expected = np.var(rewards, axis=0).mean()
+    np.testing.assert_allclose(given, expected, rtol=1e-3, atol=1e-12)
+    assert (expected == 0) == (form == "s")
+
+
+@pytest.mark.parametrize(("name", "weight"), [("gradient", "gradient_penalty"), ("action_variance", "action_variance")])
+def test_a_penalty_counts_by_its_weight_if_it_is_named(made, samples, name, weight):
+    expert, policy, hparams = samples(1), samples(2), HPARAMS.replace(**{weight: 0.7})
+    (plain, params), (config, _) = made(), made(penalties=(name,))
+    without, with_it = (discriminator.loss(params, expert, policy, hparams, c) for c in (plain, config))
+    both = jax.tree.map(lambda e, p: jnp.concatenate([e, p]), expert, policy)
+    if name == "gradient":
+        penalty = discriminator.gradient_penalty(params, expert, policy, config)
+    else:
+        penalty = discriminator.action_variance(params, both, config)
+    np.testing.assert_allclose(with_it[0] - without[0], 0.7 * penalty, rtol=1e-4)
+    assert penalty > 0.01
+    jax.tree.map(np.testing.assert_array_equal, with_it[1], without[1])  # the metric is the cross-entropy alone

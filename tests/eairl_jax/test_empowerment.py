@@ -4,9 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import stats
 
 from eairl_jax import HParams, Transition, empowerment, optimize
 from eairl_jax.gaussian import Gaussian
+from eairl_jax.methods import resolve
 
 # p(s'|s,a): a row an action. The last one is the symmetric channel, the others have no closed form.
 CHANNELS = np.array(
@@ -77,14 +79,21 @@ def gaussian_channel():
     return Transition(s, a, log_prob, s + a + noise, zero, zero, zero), 0.6, 0.8
 
 
-@pytest.mark.parametrize("loss", ["likelihood", "mse"])
-def test_q_becomes_the_posterior_and_phi_the_mutual_information(tiny, gaussian_channel, loss):
-    """E[log q(a|s,s') - log pi(a|s)] = I(A; S'|S) for the true posterior; less by a known amount if q's std is off."""
+@pytest.mark.parametrize(("loss", "actions"), [("likelihood", "taken"), ("mse", "taken"), ("mse", "drawn")])
+def test_q_becomes_the_posterior_and_phi_the_mutual_information(tiny, gaussian_channel, loss, actions):
+    """E[log q(a|s,s') - log pi(a|s)] = I(A; S'|S) for the true posterior; less by a known amount if q's std is off.
+
+    With actions drawn from q and from pi it is the difference of their entropies.
+    """
     batch, prior, noise = gaussian_channel
-    config = tiny(policy_hidden=(16, 16), activation="tanh", empowerment_updates=600, empowerment_batch=512,
-                  inverse_loss=loss)  # fmt: skip
+    config = tiny(policy_hidden=(16, 16), activation="tanh", policy_activation="tanh", empowerment_updates=600,
+                  empowerment_batch=512, inverse_loss=loss, l_i_actions=actions)  # fmt: skip
     state = empowerment.init(jax.random.PRNGKey(0), 1, 1, config)
-    fit = jax.jit(lambda key, s, hparams: empowerment.fit(key, s, batch, hparams, config))
+
+    def pi(obs):
+        return Gaussian(jnp.zeros(obs.shape), jnp.full(obs.shape, np.log(prior)))
+
+    fit = jax.jit(lambda key, s, hparams: empowerment.fit(key, s, batch, pi, hparams, config))
     for i, lr in enumerate((0.01, 0.003, 0.001)):
         state, metrics = fit(jax.random.PRNGKey(i), state, HParams(inverse_lr=lr, phi_lr=lr))
     gain, posterior = prior**2 / (prior**2 + noise**2), prior * noise / np.hypot(prior, noise)
@@ -99,10 +108,60 @@ def test_q_becomes_the_posterior_and_phi_the_mutual_information(tiny, gaussian_c
         np.testing.assert_array_equal(state.inverse.params["params"]["raw_log_std"], [0.0])
         np.testing.assert_allclose(metrics["l_q"], posterior**2, rtol=0.1)
     # E log N(a; posterior mean, std) - E log pi, with E (a - posterior mean)^2 = posterior^2.
-    information = np.log(prior / std) + 0.5 * (1 - (posterior / std) ** 2)
+    information = np.log(prior / std) + (0.5 * (1 - (posterior / std) ** 2) if actions == "taken" else 0.0)
     phi = empowerment.phi(state.phi.params, batch.obs, config)
     np.testing.assert_allclose(phi[inside[..., 0]].mean(), information, atol=0.04)
     np.testing.assert_allclose(metrics["empowerment"], information, atol=0.05)
+
+
+@pytest.fixture
+def own_terms(tiny, transitions):
+    """`terms` of 3000 transitions as `(terms, q, pi, transitions)`, and their dependence on q's and pi's parameters."""
+    x = jax.tree.map(jnp.asarray, transitions(length=3000, num_envs=1))
+    key = jax.random.PRNGKey(0)
+
+    def make(actions):
+        config = resolve(tiny(l_i_actions=actions))
+        inverse = empowerment.init(key, 4, 2, config).inverse.params
+        shift = {"mean": jnp.array([0.4, -0.2]), "log_std": jnp.array([-1.0, 0.3])}
+
+        def terms(inverse, shift):
+            pi = Gaussian(*(jnp.broadcast_to(shift[name], x.action.shape) for name in ("mean", "log_std")))
+            return empowerment.terms(key, inverse, pi, x, config), pi
+
+        own, pi = terms(inverse, shift)
+        slope = jax.grad(lambda *given: sum(leaf.sum() for leaf in terms(*given)[0]), argnums=(0, 1))(inverse, shift)
+        return own, empowerment.q_distribution(inverse, x, config), pi, x, slope
+
+    return make
+
+
+def test_terms_of_the_actions_taken_are_their_own_log_probabilities(own_terms):
+    own, q, _, x, _ = own_terms("taken")
+    np.testing.assert_array_equal(own.action, x.action)
+    np.testing.assert_array_equal(own.log_prob, x.log_prob)
+    by_hand = stats.norm.logpdf(x.action, q.mean, np.exp(q.log_std)).sum(axis=-1)
+    np.testing.assert_allclose(own.log_q, by_hand, rtol=1e-4, atol=1e-4)
+
+
+def test_terms_of_actions_drawn_are_one_of_q_and_another_of_pi(own_terms):
+    own, q, pi, x, slope = own_terms("drawn")
+    standard = (own.action - pi.mean) / np.exp(pi.log_std)
+    np.testing.assert_allclose(standard.mean(axis=(0, 1)), [0.0, 0.0], atol=0.06)
+    np.testing.assert_allclose(standard.std(axis=(0, 1)), [1.0, 1.0], atol=0.05)
+    np.testing.assert_allclose(
+        own.log_prob, stats.norm.logpdf(own.action, pi.mean, np.exp(pi.log_std)).sum(axis=-1), rtol=1e-4, atol=1e-4
+    )
+    # The density at a draw of the distribution itself: -2 (log q + sum log std + log 2 pi) is a chi^2 of 2.
+    chi2 = -2 * (own.log_q + q.log_std.sum(axis=-1) + np.log(2 * np.pi)).ravel()
+    assert stats.kstest(chi2, stats.chi2(2).cdf).pvalue > 0.01
+    # Neither draw knows of the other, nor of the action taken.
+    for other in (own.log_prob, q.log_prob(x.action), q.log_prob(own.action)):
+        assert abs(np.corrcoef(own.log_q.ravel(), other.ravel())[0, 1]) < 0.06
+    assert abs(np.corrcoef(standard[:, 0].T, np.asarray(x.action)[:, 0].T)[:2, 2:]).max() < 0.06
+    # Constants of Phi's target: nothing flows into q or pi through it.
+    for leaf in jax.tree.leaves(slope):
+        np.testing.assert_array_equal(leaf, np.zeros(leaf.shape))
 
 
 @pytest.mark.parametrize(

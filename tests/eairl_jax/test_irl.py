@@ -1,5 +1,7 @@
 """THE loop, a step at a time, recomputed in NumPy from what it leaves behind."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,10 +9,13 @@ import pytest
 from scipy import stats
 
 import envs
-from eairl_jax import Demonstrations, HParams, InputError, RewardParams, learned_reward, make_irl, reward_function
-from eairl_jax.methods import METHODS
+from eairl_jax import Demonstrations, HParams, InputError, RewardParams, empowerment, history, irl, learned_reward
+from eairl_jax.gaussian import Gaussian
+from eairl_jax.irl import make_irl, reward_function
+from eairl_jax.methods import METHODS, resolve
 from eairl_jax.normalize import ObsStats
 from eairl_jax.ppo import ppo
+from eairl_jax.types import no_penalty
 
 GAMMA = 0.9
 HPARAMS = HParams(gamma=GAMMA, discriminator_lr=0.05, phi_lr=0.05, inverse_lr=0.05)
@@ -18,37 +23,51 @@ HPARAMS = HParams(gamma=GAMMA, discriminator_lr=0.05, phi_lr=0.05, inverse_lr=0.
 
 @pytest.fixture
 def numpy_f(mlp, numpy_reward):
-    """f(s, a, s') of raw transitions by the networks of a state; with `raw` the reward and h see no scale."""
+    """f(s, a, s') of raw transitions by `(discriminator's params, Phi's, Phi's of s')`; no Phi, no shaping by it."""
 
-    def f(state, phi_target, x, scale=(0.0, 1.0), raw=False):
-        params = state.discriminator.params
+    def f(params, phi, next_phi, x, config, scale=(0.0, 1.0)):
         s, next_s = ((obs - scale[0]) / scale[1] for obs in (x.obs, x.next_obs))
-        seen, next_seen = (x.obs, x.next_obs) if raw else (s, next_s)
-        goes_on = 1 - np.asarray(x.terminated)
+        seen, next_seen = (x.obs, x.next_obs) if config.reward_obs == "raw" else (s, next_s)
+        owed = (1.0 if config.shaping_discount == "one" else GAMMA) * (1 - np.asarray(x.terminated))
         f = numpy_reward(params, seen, x.action)
         if "h" in params:
-            f = f + GAMMA * goes_on * mlp(params["h"], next_seen)[..., 0] - mlp(params["h"], seen)[..., 0]
-        if state.empowerment is not None:
-            phi, next_phi = mlp(state.empowerment.phi.params, s)[..., 0], mlp(phi_target, next_s)[..., 0]
-            f = f + GAMMA * goes_on * next_phi - phi
-        return f
+            f = f + owed * mlp(params["h"], next_seen)[..., 0] - mlp(params["h"], seen)[..., 0]
+        return f + owed * mlp(next_phi, next_s)[..., 0] - mlp(phi, s)[..., 0] if phi else f
 
     return f
 
 
-@pytest.mark.parametrize("changes", [*({"method": name} for name in METHODS), {"shaping": "both", "reward_obs": "raw"}],
-                         ids=lambda changes: " ".join(changes.values()))  # fmt: skip
-def test_the_policys_reward_is_the_methods_by_the_networks_just_fitted(one_step, numpy_f, scale, changes):
-    before, after, metrics = one_step(HPARAMS, **changes)
-    raw = "reward_obs" in changes
+def phis(before, after):
+    """Phi and its slow copy in the iteration from `before` to `after`: the first sync is due after the second."""
+    return (after.empowerment.phi.params, before.empowerment.phi_target) if after.empowerment else (None, None)
+
+
+# Trajectories are judged whole: an iteration holds whole ones. The release's pool keeps one environment of one.
+WHOLE = {"gan_gcl": {"rollout_length": 5}, "eairl_release": {"num_envs": 1}}
+CASES = [
+    *({"method": name} | WHOLE.get(name, {}) for name in METHODS),
+    {"shaping": "both", "reward_obs": "raw"},
+    {"l_i_in": "reward"},
+]
+
+
+@pytest.mark.parametrize("changes", CASES, ids=lambda changes: " ".join(map(str, changes.values())))
+def test_the_policys_reward_is_the_methods_by_the_networks_just_fitted(one_step, tiny, numpy_f, mlp, scale, changes):
+    before, after, metrics = one_step(HPARAMS.replace(lambda_i=0.5), **changes)
+    config = resolve(tiny(**changes))
     x = jax.tree.map(lambda ring: np.asarray(ring[0], np.float64), after.history.transitions)
     assert x.terminated.sum() > 0
-    # Phi' is the copy of before: the first sync is due after the second iteration.
-    slow = before.empowerment.phi_target if before.empowerment else None
-    f = numpy_f(after, slow, x, scale, raw)
-    expected = np.log1p(np.exp(f)) if changes.get("method") == "gail" else f - x.log_prob
+    phi, slow = phis(before, after)
+    next_phi = phi if config.scoring_phi == "learning" else slow
+    f = numpy_f(after.discriminator.params, phi, next_phi, x, config, scale)
+    expected = np.log1p(np.exp(f)) if config.method == "gail" else f - x.log_prob
+    if config.l_i_in == "reward":
+        s, next_s = ((obs - scale[0]) / scale[1] for obs in (x.obs, x.next_obs))
+        q = empowerment.q_distribution(after.empowerment.inverse.params, x._replace(obs=s, next_obs=next_s), config)
+        expected = expected - 0.5 * (np.asarray(q.log_prob(x.action)) - x.log_prob - mlp(phi, s)[..., 0]) ** 2
     np.testing.assert_allclose(metrics["policy_reward"], expected.mean(), rtol=1e-4, atol=1e-5)
-    stale = numpy_f(before, slow, x, scale, raw)
+    stale_phi = before.empowerment.phi.params if phi else None
+    stale = numpy_f(before.discriminator.params, stale_phi, slow, x, config, scale)
     assert np.abs(stale - f).mean() > 0.05
 
 
@@ -97,45 +116,167 @@ def test_no_gradient_of_the_discriminators_loss_reaches_phi(built, demos):
     assert abs(losses[0] - losses[1]) > 1e-3
 
 
-def test_the_discriminators_loss_by_hand_with_log_pi_of_the_current_policy(toy, tiny, numpy_f):
-    """One transition an iteration and one of the expert: then the random minibatches hold nothing random."""
-    config = tiny(num_envs=1, rollout_length=1, ppo_minibatches=1, discriminator_updates=1, discriminator_batch=4096)
-    algorithm, policy_of = make_irl(toy(), config), ppo(4, 2, config).distribution
-    hparams = HPARAMS.replace(policy_lr=0.5, entropy_weight=0.1)
-    demos = Demonstrations(*(np.full((1, 1, *tail), value, np.float32) for tail, value in (
-        ((4,), 0.3), ((2,), 1.4), ((4,), 0.7), ((), 0.0), ((), 0.0)
-    )))  # fmt: skip
+@pytest.mark.parametrize(("method", "length"), [("eairl", 1), ("gan_gcl", 2)])
+def test_the_discriminators_loss_by_hand_with_log_pi_of_the_current_policy(toy, tiny, numpy_f, method, length):
+    """One sample an iteration and one of the expert: then the random minibatches hold nothing random.
+
+    A sample is a transition, or a trajectory, whose logit is the sum of its transitions'.
+    """
+    config = tiny(method=method, num_envs=1, rollout_length=length, episode_length=5 if length == 1 else length,
+                  ppo_minibatches=1, discriminator_updates=1, discriminator_batch=4096 * length)  # fmt: skip
+    algorithm, policy_of, own = make_irl(toy(), config), ppo(4, 2, config).distribution, resolve(config)
+    hparams = HPARAMS.replace(policy_lr=0.2, entropy_weight=0.1)
+    rng = np.random.default_rng(0)
+    demos = Demonstrations(*(rng.uniform(-0.5, 0.5, (1, length, *tail)).astype(np.float32) for tail in (
+        (4,), (2,), (4,), ()
+    )), np.zeros((1, length), np.float32))  # fmt: skip
     step = jax.jit(algorithm.step)
     state = jax.jit(algorithm.init)(jax.random.PRNGKey(0), hparams)
 
-    def logits(before, after, x, policy):
-        pi = policy_of(policy, jnp.asarray(x.obs))
+    def logits(before, after, x):
+        pi = policy_of(before.actor.policy, jnp.asarray(x.obs))
         log_pi = stats.norm.logpdf(x.action, pi.mean, np.exp(pi.log_std)).sum(axis=-1)
-        phi = after.empowerment.replace(phi_target=before.empowerment.phi_target)
-        return numpy_f(before.replace(empowerment=phi), before.empowerment.phi_target, x) - log_pi
+        return (numpy_f(before.discriminator.params, *phis(before, after), x, own) - log_pi).sum(axis=1)
 
     for i in range(2):
         before, (state, metrics) = state, step(state, hparams, demos)
         seen = jax.tree.map(lambda ring, i=i: np.asarray(ring[: i + 1]), state.history.transitions)
-        expert = np.log1p(np.exp(-logits(before, state, demos, before.actor.policy))).mean()
+        expert = np.log1p(np.exp(-logits(before, state, demos))).mean()
         # All that the ring holds, half the draws each, log pi under today's policy however old they are.
-        policy = np.log1p(np.exp(logits(before, state, seen, before.actor.policy)))
+        policy = np.log1p(np.exp(logits(before, state, seen)))
         slack = 1e-4 + 0.02 * np.ptp(policy)
         np.testing.assert_allclose(metrics["discriminator_loss"], 0.5 * (expert + policy.mean()), atol=slack)
     now = policy_of(before.actor.policy, jnp.asarray(seen.obs)).log_prob(jnp.asarray(seen.action))
-    assert abs(now[0] - seen.log_prob[0]) > 0.2  # the old sample's own log pi is another
+    assert np.abs(now[0] - seen.log_prob[0]).max() > 0.2  # the old sample's own log pi is another
 
 
-def test_eairl_without_shaping_and_penalty_trains_as_unshaped_airl(built, demos):
-    runs, compared = [], ("discriminator_loss", "policy_reward", "true_return", "kl")
-    for method in ("eairl", "airl_sa"):
-        _, init, step = built(method=method, shaping="none")
+@pytest.mark.parametrize(("judges", "batch", "length"), [("transitions", 200, 1), ("trajectories", 40, 5)])
+def test_the_discriminator_is_shown_transitions_or_whole_episodes(tiny, transitions, judges, batch, length):
+    """As many samples of the one as of the other: 200 transitions are 40 episodes of five."""
+    config = resolve(tiny(judges=judges, rollout_length=5, discriminator_batch=200))
+    raw = jax.tree.map(jnp.asarray, transitions(length=5))
+    raw = raw._replace(obs=jnp.arange(5 * 4 * 4.0).reshape(5, 4, 4))
+    demos = Demonstrations(
+        *(jnp.arange(3 * 5 * n).reshape(3, 5, *tail) for n, *tail in ((4, 4), (2, 2), (4, 4), (1,), (1,)))
+    )
+    past = history.add(history.empty(4, 2, config), raw)
+    drawn = irl.draw_samples(jax.random.PRNGKey(0), demos, past, raw, config)
+    for given, episodes in zip(drawn, (demos.obs, raw.obs.swapaxes(0, 1)), strict=True):
+        assert given.obs.shape == (2, batch, length, 4)
+        pieces = {tuple(piece) for piece in np.asarray(given.obs).reshape(2 * batch, -1)}
+        assert pieces == {tuple(piece) for piece in np.asarray(episodes).reshape(-1, 4 * length)}
+
+
+@pytest.mark.parametrize(("one", "other"), [
+    ({"method": "eairl", "shaping": "none"}, {"method": "airl_sa", "shaping": "none"}),
+    ({"method": "eairl", "shaping": "learned"}, {"method": "airl_sa"}),
+    ({"method": "gan_gcl", "episode_length": 1}, {"method": "airl_sa", "shaping": "none", "episode_length": 1}),
+], ids=["EAIRL without Phi, unshaped AIRL", "EAIRL with h, AIRL", "GAN-GCL of one step, unshaped AIRL"])  # fmt: skip
+def test_one_method_without_what_sets_it_apart_trains_as_another(built, demos, one, other):
+    """Without l_I in the policy's loss; what one method alone reports is left out."""
+    runs = []
+    for changes in (one, other):
+        _, init, step = built(**changes)
         state, metrics = init(jax.random.PRNGKey(0), HPARAMS), []
         for _ in range(3):
             state, metric = step(state, HPARAMS.replace(lambda_i=0.0), demos)
-            metrics.append({name: metric[name] for name in compared})
-        runs.append((state.discriminator.params, state.actor.policy.nets.params, metrics))
+            metrics.append(metric)
+        runs.append((state.discriminator, state.actor, metrics))
+    shared = set(runs[0][2][0]) & set(runs[1][2][0])
+    assert {"discriminator_loss", "accuracy", "reward_expert", "policy_reward", "true_return", "kl"} <= shared
+    runs = [(*parts, [{name: metric[name] for name in shared} for metric in metrics]) for *parts, metrics in runs]
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-4), *runs)
+
+
+@pytest.mark.parametrize(("changes", "sees"), [({}, True), ({"update_order": "discriminator_first"}, False)])
+def test_the_discriminator_sees_the_new_phi_or_the_old_as_the_order_says(one_step, changes, sees):
+    """Phi's rate shows in the discriminator only if Phi was fitted first; the policy's reward has the new one."""
+    (_, still, without), (_, moved, given) = (one_step(HPARAMS.replace(phi_lr=lr), **changes) for lr in (0.0, 0.05))
+    pairs = list(zip(*(jax.tree.leaves(s.discriminator.params) for s in (still, moved)), strict=True))
+    assert any((a != b).any() for a, b in pairs) == sees
+    assert bool(without["discriminator_loss"] != given["discriminator_loss"]) == sees
+    assert abs(given["policy_reward"] - without["policy_reward"]) > 1e-3
+
+
+@pytest.fixture
+def untrained(built, tiny, transitions, scale):
+    """`(config, empowerment, actor, raw transitions, the same normalised, pi)` of a run whose Phi' is not Phi."""
+
+    def make(**changes):
+        state = built()[1](jax.random.PRNGKey(0), HPARAMS)
+        config = resolve(tiny(**changes))
+        slow = jax.tree.map(lambda leaf: leaf + 0.1, state.empowerment.phi_target)
+        seen = jax.tree.map(jnp.asarray, transitions())
+        raw = seen._replace(obs=scale[0] + scale[1] * seen.obs, next_obs=scale[0] + scale[1] * seen.next_obs)
+
+        def pi(obs):
+            return ppo(4, 2, config).distribution(state.actor.policy, obs)
+
+        return config, state.empowerment.replace(phi_target=slow), state.actor, raw, seen, pi
+
+    return make
+
+
+@pytest.mark.parametrize("scoring", [False, True])
+@pytest.mark.parametrize("changes", [{}, {"scoring_phi": "learning"}, {"shaping_discount": "one"}], ids=str)
+def test_the_shaping_by_phi_is_a_constant_of_the_phi_and_the_discount_asked_for(untrained, mlp, changes, scoring):
+    """The release scores the policy's transitions, and those alone, with Phi itself at s'."""
+    config, emp, acting, raw, x, pi = untrained(**changes)
+
+    def shaping(emp):
+        return irl.as_samples(raw, pi, emp, acting, HPARAMS, config, scoring=scoring)
+
+    samples = shaping(emp)
+    next_phi = emp.phi.params if scoring and "scoring_phi" in changes else emp.phi_target
+    discount = 1.0 if "shaping_discount" in changes else GAMMA
+    phi, next_phi = mlp(emp.phi.params, x.obs)[..., 0], mlp(next_phi, x.next_obs)[..., 0]
+    assert x.terminated.sum() > 0
+    np.testing.assert_allclose(samples.phi_shaping, discount * (1 - x.terminated) * next_phi - phi, atol=1e-5)
+    now = stats.norm.logpdf(x.action, pi(x.obs).mean, np.exp(pi(x.obs).log_std)).sum(axis=-1)
+    np.testing.assert_allclose(samples.log_prob, now, rtol=1e-4, atol=1e-4)
+    for leaf in jax.tree.leaves(jax.grad(lambda emp: shaping(emp).phi_shaping.sum(), allow_int=True)(emp)):
+        assert leaf.dtype == jax.dtypes.float0 or not leaf.any()
+
+
+@pytest.mark.parametrize("actions", ["taken", "drawn"])
+@pytest.mark.parametrize("power", [1, 2])
+def test_l_i_lowers_the_reward_or_is_a_penalty_on_the_policy_as_it_is_now(untrained, mlp, power, actions):
+    hparams, key = HPARAMS.replace(lambda_i=0.3, beta=0.7), jax.random.PRNGKey(1)
+    settings = {"l_i_power": power, "l_i_actions": actions}
+    config, emp, _, _, x, pi = untrained(**settings)
+    own, phi = empowerment.terms(key, emp.inverse.params, pi(x.obs), x, config), mlp(emp.phi.params, x.obs)[..., 0]
+
+    def cost(log_prob):
+        return 0.3 * np.abs(0.7 * own.log_q - (log_prob + phi)) ** power
+
+    kept, penalty, data = irl.with_l_i(key, x, pi, emp, hparams, config)
+    np.testing.assert_array_equal(kept.reward, x.reward)
+    now = Gaussian(pi(x.obs).mean + 0.3, pi(x.obs).log_std - 0.2)
+    judged = x.action if actions == "taken" else own.action
+    now_log_prob = stats.norm.logpdf(judged, now.mean, np.exp(now.log_std)).sum(axis=-1)
+    given = penalty(now, now.log_prob(x.action), data)
+    np.testing.assert_allclose(given, cost(now_log_prob), rtol=1e-4, atol=1e-4)
+
+    config = resolve(dataclasses.replace(config, l_i_in="reward"))
+    lowered, nothing, data = irl.with_l_i(key, x, pi, emp, hparams, config)
+    np.testing.assert_allclose(lowered.reward, x.reward - cost(own.log_prob), rtol=1e-4, atol=1e-4)
+    assert (nothing, data) == (no_penalty, ())
+
+
+def test_the_policys_std_follows_its_schedule_from_iteration_to_iteration(built, demos, tiny):
+    _, init, step = built()
+    hparams, policy_of = HPARAMS.replace(std_end=0.2, policy_lr=0.0), ppo(4, 2, tiny()).distribution
+    state = init(jax.random.PRNGKey(0), hparams)
+    for iteration in (0, 5, 6):  # of 10; what the network says stays exp(-0.5)
+        actor = state.actor.replace(iteration=jnp.asarray(iteration, jnp.int32))
+        before, (state, _) = state, step(state.replace(actor=actor), hparams, demos)
+        std = np.exp(policy_of(state.actor.policy, jnp.ones(4)).log_std)
+        np.testing.assert_allclose(std, np.full(2, np.exp(-0.5) * 0.2 ** (iteration / 10)), rtol=1e-5)
+    # The samples of the last iteration are of the std that the one before had left, and know it.
+    x = jax.tree.map(lambda ring: ring[2 % 2], state.history.transitions)
+    given = policy_of(before.actor.policy, (x.obs - actor.obs_stats.mean) / np.sqrt(actor.obs_stats.var))
+    np.testing.assert_allclose(given.log_prob(x.action), x.log_prob, rtol=1e-4, atol=1e-4)
+    assert np.abs(given.log_std - np.log(std)).min() > 0.1
 
 
 @pytest.mark.parametrize("reward_obs", ["normalized", "raw"])
@@ -155,8 +296,9 @@ def test_what_is_transferred_is_the_reward_alone_behind_its_normaliser(toy, tiny
     np.testing.assert_allclose(given, numpy_reward(kept, s, action), atol=1e-5)
 
 
-def test_the_state_keeps_its_types_so_that_a_step_compiles_once(built, demos):
-    algorithm, _, _ = built()
+@pytest.mark.parametrize("method", METHODS)
+def test_the_state_keeps_its_types_so_that_a_step_compiles_once(built, demos, method):
+    algorithm, _, _ = built(method=method, **WHOLE.get(method, {}))
     state = jax.eval_shape(algorithm.init, jax.random.PRNGKey(0), HPARAMS)
     after, _ = jax.eval_shape(algorithm.step, state, HPARAMS, demos)
     for (path, x), y in zip(jax.tree_util.tree_leaves_with_path(state), jax.tree.leaves(after), strict=True):
@@ -176,6 +318,8 @@ def test_act_samples_the_policy_and_gives_its_mean_without_a_key(built):
 
 @pytest.mark.parametrize(("size", "changes", "message"), [
     (4, {"method": "eairll"}, "did you mean eairl"),
+    (4, {"method": "gan_gcl"}, "rollout_length = 6 must be a multiple of episode_length = 5"),
+    (4, {"judges": "trajectories"}, "rollout_length = 6 must be a multiple of episode_length = 5"),
     ({"pixels": (8, 8)}, {}, "flat vector"),
 ])  # fmt: skip
 def test_what_cannot_work_is_refused(toy, tiny, size, changes, message):

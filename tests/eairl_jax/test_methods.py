@@ -11,11 +11,22 @@ F, LOG_PI = RNG.normal(0, 2, 200), RNG.normal(-1, 2, 200)
 AIRL_D = np.exp(F) / (np.exp(F) + np.exp(LOG_PI))
 GAIL_D = 1 / (1 + np.exp(-F))
 
+# (what the paper says, what the authors' code does)
+RELEASE = {
+    "shaping_discount": ("gamma", "one"),
+    "scoring_phi": ("target", "learning"),
+    "history": ("iterations", "paths"),
+    "update_order": ("empowerment_first", "discriminator_first"),
+    "l_i_actions": ("taken", "drawn"),
+    "inverse_loss": ("likelihood", "mse"),
+    "policy_activation": ("relu", "tanh"),
+}
+
 
 @pytest.mark.parametrize(
     ("method", "d", "reward"),
     [
-        *((name, AIRL_D, np.log(AIRL_D) - np.log(1 - AIRL_D)) for name in ("eairl", "airl_sa", "airl_s")),
+        *((name, AIRL_D, np.log(AIRL_D) - np.log(1 - AIRL_D)) for name in METHODS if name != "gail"),
         ("gail", GAIL_D, -np.log(1 - GAIL_D)),
     ],
 )
@@ -26,8 +37,9 @@ def test_logit_and_reward_follow_from_d(method, d, reward):
     np.testing.assert_allclose(row.policy_reward(logit), reward, atol=1e-5)
 
 
-def test_airls_reward_is_f_minus_log_pi():
-    row = METHODS["airl_sa"]
+@pytest.mark.parametrize("method", [name for name in METHODS if name != "gail"])
+def test_airls_reward_is_f_minus_log_pi(method):
+    row = METHODS[method]
     reward = row.policy_reward(row.logit_expert_high(jnp.asarray(F), jnp.asarray(LOG_PI)))
     np.testing.assert_allclose(reward, F - LOG_PI, atol=1e-5)
 
@@ -40,9 +52,18 @@ def test_gails_reward_is_positive_and_does_not_see_pi():
 
 
 def test_rows_differ_in_what_the_paper_says():
-    assert {name: (row.reward_form, row.shaping, row.empowerment) for name, row in METHODS.items()} == {
-        "eairl": ("sa", "empowerment", True),
-        "airl_sa": ("sa", "learned", False),
-        "airl_s": ("s", "learned", False),
-        "gail": ("sa", "none", False),
+    assert {name: (row.reward_form, row.shaping, row.empowerment, row.judges) for name, row in METHODS.items()} == {
+        "eairl": ("sa", "empowerment", True, "transitions"),
+        "eairl_release": ("sa", "empowerment", True, "transitions"),
+        "airl_sa": ("sa", "learned", False, "transitions"),
+        "airl_s": ("s", "learned", False, "transitions"),
+        "gail": ("sa", "none", False, "transitions"),
+        "gan_gcl": ("sa", "none", False, "trajectories"),
     }
+
+
+def test_only_the_release_leaves_the_paper_and_where_it_does():
+    own = {name: {field: getattr(row, field) for field in RELEASE} for name, row in METHODS.items()}
+    paper = {field: choices[0] for field, choices in RELEASE.items()}
+    release = {field: choices[1] for field, choices in RELEASE.items()}
+    assert own == dict.fromkeys(METHODS, paper) | {"eairl_release": release}

@@ -53,3 +53,27 @@ def test_draw_takes_whole_samples_and_all_of_them():
     _, counts = np.unique(drawn["x"], return_counts=True)
     assert len(counts) == 12
     assert counts.min() > 40
+
+
+@pytest.mark.parametrize("num_envs", [1, 3])
+@pytest.mark.parametrize("length", [1, 2, 6])
+def test_segments_are_the_consecutive_steps_of_one_environment(length, num_envs):
+    """Two iterations of six steps: every segment once, none across iterations or environments."""
+    layout = np.arange(2 * 6 * num_envs).reshape(2, 6, num_envs)
+    count = layout.size // length
+    rows = np.asarray(optimize.segment(jnp.arange(count), length, num_envs))
+    by_hand = [layout[i, t : t + length, n] for i in range(2) for t in range(0, 6, length) for n in range(num_envs)]
+    np.testing.assert_array_equal(rows, by_hand)
+    if length == 1:
+        np.testing.assert_array_equal(rows[:, 0], np.arange(count))
+    batch = optimize.segment(jnp.array([[0, 1], [count - 1, 0]]), length, num_envs)
+    np.testing.assert_array_equal(batch, rows[[[0, 1], [count - 1, 0]]])
+
+
+def test_rows_are_whole_samples_of_the_flattened_axes():
+    data = {"x": np.arange(12.0).reshape(2, 3, 2), "y": np.arange(24.0).reshape(2, 3, 2, 2)}
+    index = np.array([[0, 11, 5], [7, 7, 2]])
+    taken = optimize.rows(data, 3, index)
+    where = np.unravel_index(index, (2, 3, 2))
+    for name in data:
+        np.testing.assert_array_equal(taken[name], data[name][where])

@@ -8,7 +8,8 @@ from scipy import stats
 
 from eairl_jax import HParams, optimize
 from eairl_jax.gae import gae
-from eairl_jax.ppo import ppo, scale_rewards, shuffle
+from eairl_jax.policy import scale_rewards
+from eairl_jax.ppo import ppo
 from eairl_jax.types import no_penalty
 
 HPARAMS = HParams(max_grad_norm=1e9, entropy_weight=0.0)
@@ -103,7 +104,11 @@ def test_the_penalty_is_a_cost_on_log_pi(problem):
     """What costs becomes less likely: actions that point one way cost, those that point the other way earn."""
     optimizer, policy, batch = problem()
     weight = 10.0 * jnp.sign(batch.action[..., 0])
-    update = jax.jit(lambda p: optimizer.update(jax.random.PRNGKey(1), p, batch, jnp.multiply, weight, HPARAMS)[0])
+
+    def cost(_pi, log_prob, weight):
+        return weight * log_prob
+
+    update = jax.jit(lambda p: optimizer.update(jax.random.PRNGKey(1), p, batch, cost, weight, HPARAMS)[0])
     before, after = (optimizer.distribution(p, batch.obs) for p in (policy, update(policy)))
     assert (after.mean[..., 0] < before.mean[..., 0]).all()
     assert (weight * (after.log_prob(batch.action) - before.log_prob(batch.action))).mean() < 0
@@ -113,40 +118,41 @@ def test_penalty_data_stays_with_its_transition(problem):
     optimizer, policy, batch = problem(ppo_epochs=3, ppo_minibatches=4)
     seen = []
 
-    def penalty(log_prob, own):
-        jax.debug.callback(lambda *x: seen.append(x), log_prob, own)
+    def penalty(pi, log_prob, data):
+        own, action = data
+        jax.debug.callback(lambda *x: seen.append(x), log_prob, pi.log_prob(action), own)
         return jnp.zeros_like(log_prob)
 
-    hparams = HPARAMS.replace(policy_lr=0.0)
+    hparams, data = HPARAMS.replace(policy_lr=0.0), (batch.log_prob, batch.action)
     jax.block_until_ready(
-        jax.jit(lambda p: optimizer.update(jax.random.PRNGKey(1), p, batch, penalty, batch.log_prob, hparams))(policy)
+        jax.jit(lambda p: optimizer.update(jax.random.PRNGKey(1), p, batch, penalty, data, hparams))(policy)
     )
     jax.effects_barrier()
     assert len(seen) == 12
-    for log_prob, own in seen:
+    for log_prob, by_pi, own in seen:
         np.testing.assert_allclose(log_prob, own, atol=1e-5)
+        np.testing.assert_allclose(by_pi, own, atol=1e-5)
 
 
-def test_shuffle_takes_every_row_once_an_epoch_in_a_new_order():
-    rows = np.asarray(shuffle(jax.random.PRNGKey(0), 24, 3, 4))
-    assert rows.shape == (12, 6)
-    epochs = rows.reshape(3, 24)
-    np.testing.assert_array_equal(np.sort(epochs), np.tile(np.arange(24), (3, 1)))
-    assert len({tuple(epoch) for epoch in epochs}) == 3
+def test_the_penalty_reaches_the_policy_through_pi_too(problem):
+    """A cost on pi's mean, whatever action was taken: what l_I on actions drawn anew needs."""
+    optimizer, policy, batch = problem()
+
+    def cost(pi, _log_prob, weight):
+        return weight * pi.mean[..., 0]
+
+    weight = jnp.full_like(batch.log_prob, 100.0)
+    update = jax.jit(lambda p: optimizer.update(jax.random.PRNGKey(1), p, batch, cost, weight, HPARAMS)[0])
+    before, after = (optimizer.distribution(p, batch.obs) for p in (policy, update(policy)))
+    assert (after.mean[..., 0] < before.mean[..., 0]).all()
 
 
-def test_rewards_are_divided_by_the_running_std_of_the_discounted_return(problem, transitions):
-    _, policy, _ = problem()
-    expected_var = 0.0
-    for i in range(1, 14):
-        x = transitions(seed=i)
-        done = x.terminated + x.truncated
-        policy, scaled = scale_rewards(policy, jnp.asarray(x.reward), jnp.asarray(done), 0.9)
-        total, totals = np.zeros(4), np.zeros((6, 4))
-        for t in range(6):
-            totals[t] = total = x.reward[t] + 0.9 * total
-            total = np.where(done[t] > 0, 0.0, total)
-        # A plain mean over the first ten iterations, then a memory of ten.
-        weight = 1 / min(i, 10)
-        expected_var = (1 - weight) * expected_var + weight * totals.var()
-        np.testing.assert_allclose(scaled, x.reward / np.sqrt(expected_var), rtol=1e-4)
+def test_the_stds_schedule_is_a_factor_on_what_the_network_says(problem):
+    optimizer, policy, batch = problem()
+    hparams = HPARAMS.replace(std_end=0.3, entropy_weight=1.0)
+    after, _ = jax.jit(lambda p: optimizer.update(jax.random.PRNGKey(1), p, batch, no_penalty, (), hparams))(policy)
+    net = optimizer.distribution(policy.replace(nets=after.nets), batch.obs)
+    assert np.abs(net.log_std + 0.5).max() > 1e-3  # the network moved too
+    pi = optimizer.distribution(after, batch.obs)
+    np.testing.assert_allclose(np.exp(pi.log_std), 0.3 * np.exp(net.log_std), rtol=1e-5)
+    np.testing.assert_array_equal(pi.mean, net.mean)

@@ -22,7 +22,7 @@ def learned(tiny):
 
     def make(form="sa", part="net"):
         config = tiny(reward_form=form, action_part=part, hidden=(6, 5))
-        params = [discriminator.init(jax.random.PRNGKey(i), 4, 2, resolve(config), config) for i in range(2)]
+        params = [discriminator.init(jax.random.PRNGKey(i), 4, 2, resolve(config)) for i in range(2)]
         stats = [ObsStats(jnp.full(4, 3.0 * i), jnp.full(4, 4.0), jnp.zeros(())) for i in range(2)]
         rows = map(RewardParams, params, stats)
         return LearnedReward(dict(DESCRIPTION), config, jax.tree.map(lambda *x: np.stack(x), *rows))

@@ -17,3 +17,9 @@ def test_annealed_rates_fall_in_a_line_to_their_end_and_stay_there(progress, lr)
 def test_entropy_is_annealed_on_its_own():
     hparams = HParams(policy_lr=0.4, entropy_weight=0.1, entropy_end=0.0).at(jnp.asarray(0.75))
     np.testing.assert_allclose([hparams.policy_lr, hparams.entropy_weight], [0.4, 0.025], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("progress", "fraction"), [(0.0, 1.0), (0.5, 0.1), (0.75, 0.1**1.5), (1.0, 0.01), (3.0, 0.01)])
+def test_the_std_falls_by_the_same_factor_everywhere_to_its_end_and_stays_there(progress, fraction):
+    np.testing.assert_allclose(HParams(std_end=0.01).at(jnp.asarray(progress)).std_end, fraction, rtol=1e-5)
+    assert HParams().at(jnp.asarray(progress)).std_end == 1.0

@@ -26,5 +26,5 @@ def tiny(monkeypatch):
     monkeypatch.setattr("experiments.training.EVALUATION_EPISODES", 2)
     monkeypatch.setattr("experiments.demos.SCORE_EPISODES", 2)
     monkeypatch.setattr("experiments.reference.SCORE_EPISODES", 2)
-    monkeypatch.setattr("experiments.transfer.SOURCE_RETRAIN_ITERATIONS", 2)
+    monkeypatch.setattr("experiments.rules.SOURCE_RETRAIN_ITERATIONS", 2)
     return TINY

@@ -2,12 +2,16 @@
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
 
 from eairl_jax import Checkpoints, load_reward
-from experiments import cli, training
+from eairl_jax.methods import names
+from experiments import bench, cli, training
+from experiments.imitate import prepare
+from experiments.summary import Row, print_table
 
 
 def run(*arguments):
@@ -24,8 +28,30 @@ def rl_settings(tiny):
     return [a for a in tiny if not a.startswith(("history", "discriminator", "empowerment"))]
 
 
-def imitate(out, tiny):
-    return run("imitate", "pendulum", "--seeds", 2, "--out", out, "--set", *tiny)
+def imitate(out, tiny, *more):
+    return run("imitate", "pendulum", "--seeds", 2, *more, "--out", out, "--set", *tiny)
+
+
+def rows_of(folder):
+    """The rows of `metrics.csv`, as text."""
+    with open(folder / "metrics.csv", newline="") as f:
+        return list(csv.DictReader(f))
+
+
+def table(capsys):
+    """What was printed; the lines of its tables fit the 80 columns of a terminal, their cells are whole."""
+    printed = capsys.readouterr().out
+    lines = [line for line in printed.splitlines() if re.search("[─━│┃]", line)]
+    assert lines
+    assert max(map(len, lines)) <= 80
+    assert "…" not in "".join(lines)
+    return printed
+
+
+@pytest.fixture(autouse=True)
+def columns(monkeypatch):
+    """A terminal of 80 columns."""
+    monkeypatch.setenv("COLUMNS", "80")
 
 
 def test_imitate_leaves_what_it_promises(tmp_path, tiny, capsys):
@@ -38,14 +64,13 @@ def test_imitate_leaves_what_it_promises(tmp_path, tiny, capsys):
     assert summary["env_steps"] == 4 * 2 * 20
     scale = summary["expert"] - summary["random"]
     assert summary["normalized"] == pytest.approx((np.mean(summary["returns"]) - summary["random"]) / scale)
-    with open(folder / "metrics.csv", newline="") as f:
-        rows = list(csv.DictReader(f))
+    rows = rows_of(folder)
     assert [(r["seed"], r["iteration"]) for r in rows] == [(str(s), str(i)) for i in range(1, 5) for s in range(2)]
     wanted = {"true_return", "discriminator_loss", "accuracy", "reward_policy", "reward_expert", "empowerment", "l_i",
               "l_q", "kl", "entropy", "value_loss"}  # fmt: skip
     assert wanted <= set(rows[0])
     assert (folder / "curves.png").read_bytes().startswith(b"\x89PNG")
-    assert "normalized" in capsys.readouterr().out
+    assert "normalized" in table(capsys)
     reward = load_reward(folder / "reward", 3, 1)
     assert np.isfinite(reward(np.ones(3), np.ones(1), seed=1))
     # The same command again computes nothing and prints the same score.
@@ -86,26 +111,170 @@ def read_state(folder):
     return manager.restore(4, args=ocp.args.StandardRestore())
 
 
+def test_methods_side_by_side(tmp_path, tiny, capsys):
+    """One table, a folder a row; behaviour cloning is a method like any other, but learns no reward."""
+    assert imitate(tmp_path, tiny, "--method", "eairl", "bc") == 0
+    printed = table(capsys)
+    assert printed.count("Imitation of pendulum") == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"eairl-sa", "bc"}
+    for name in ("eairl-sa", "bc"):
+        summary = json.loads((tmp_path / name / "summary.json").read_text())
+        assert summary["row"] == name
+        line = next(line for line in printed.splitlines() if line.startswith(f"│ {name} "))
+        assert f"{summary['mean']:.2f} ± {summary['std']:.2f}" in line
+        assert f"{summary['normalized']:.3f}" in line
+        assert (tmp_path / name / "curves.png").is_file()
+        for reward in ("reward", "snapshots"):
+            assert (tmp_path / name / reward).exists() == (name != "bc")
+    assert {"log_prob_expert", "true_return"} <= set(rows_of(tmp_path / "bc")[0])
+    assert "accuracy" not in rows_of(tmp_path / "bc")[0]
+
+
+def test_the_policy_by_trpo(tmp_path, tiny):
+    own = [a for a in tiny if not a.startswith("empowerment")]
+    assert imitate(tmp_path / "run", [*own, "kl_limit=0.003"], "--method", "gail", "--optimizer", "trpo") == 0
+    settings = json.loads((tmp_path / "run" / "config.json").read_text())["settings"]
+    assert settings["config"]["optimizer"] == "trpo"
+    rows = rows_of(tmp_path / "run")
+    assert all(0 <= float(r["kl"]) <= 0.003 * 1.001 for r in rows)
+    assert max(float(r["kl"]) for r in rows) > 1e-3
+    assert all(float(r["step_fraction"]) in (0.0, *(0.5 ** np.arange(10))) for r in rows)
+
+
+def test_a_sweep_is_its_single_runs_side_by_side(tmp_path, tiny, capsys):
+    arguments = ["sweep", "pendulum", "--seeds", 2, "--out", tmp_path / "sweep", "--set", *tiny]
+    arguments += ["lambda_i=0,10", "gradient_penalty=0,1"]
+    assert run(*arguments) == 0
+    printed = table(capsys)
+    summary = json.loads((tmp_path / "sweep" / "summary.json").read_text())["rows"]
+    points = [(i, g) for i in (0.0, 10.0) for g in (0.0, 1.0)]
+    assert [(r["point"]["lambda_i"], r["point"]["gradient_penalty"]) for r in summary] == points
+    for row, (i, g) in zip(summary, points, strict=True):
+        line = next(line for line in printed.splitlines() if f"lambda_i {i:g}, gradient_penalty {g:g} " in line)
+        assert f"{row['mean']:.2f} ± {row['std']:.2f}" in line
+    assert (tmp_path / "sweep" / "curves.png").read_bytes().startswith(b"\x89PNG")
+    swept = rows_of(tmp_path / "sweep")
+    assert len(swept) == 4 * len(points) * 2
+    curves, returns = {}, []
+    for point, row in zip(points, summary, strict=True):
+        curves[point] = [r for r in swept if (float(r["lambda_i"]), float(r["gradient_penalty"])) == point]
+        if point[1]:
+            continue
+        single = tmp_path / f"single {point}"
+        assert imitate(single, [*tiny, f"lambda_i={point[0]}"]) == 0
+        alone = rows_of(single)
+        numbers = [[[float(r[name]) for name in alone[0]] for r in rows] for rows in (curves[point], alone)]
+        np.testing.assert_allclose(*numbers, rtol=1e-3, atol=1e-4)
+        returns.append((row["returns"], json.loads((single / "summary.json").read_text())["returns"]))
+    losses = {tuple(float(r["policy_loss"]) for r in rows) for rows in curves.values()}
+    assert len(losses) == len(points), "every setting counts"
+    # The same command again computes nothing.
+    before = (tmp_path / "sweep" / "metrics.csv").stat().st_mtime_ns
+    assert run(*arguments) == 0
+    assert (tmp_path / "sweep" / "metrics.csv").stat().st_mtime_ns == before
+    for together, alone in returns:
+        np.testing.assert_allclose(together, alone, rtol=1e-3, err_msg="scored in the same episodes")
+
+
+def test_another_first_seed(tmp_path, tiny):
+    """A run's random numbers are those of its seed, not of its place among the others."""
+    assert imitate(tmp_path / "both", tiny) == 0
+    assert run("imitate", "pendulum", "--seeds", 1, "--first-seed", 1, "--out", tmp_path / "one", "--set", *tiny) == 0
+    both, one = ([r for r in rows_of(tmp_path / name) if r["seed"] == "1"] for name in ("both", "one"))
+    assert len(both) == 4
+    np.testing.assert_allclose(*([[float(x) for x in r.values()] for r in rows] for rows in (both, one)), rtol=1e-3)
+    summaries = [json.loads((tmp_path / name / "summary.json").read_text()) for name in ("both", "one")]
+    assert [s["seeds"] for s in summaries] == [[0, 1], [1]]
+
+
+def test_bench_measures_methods_in_turns(tmp_path, tiny, monkeypatch, capsys):
+    monkeypatch.setattr(bench, "ROUNDS", 1)
+    path = tmp_path / "figures" / "bench.json"
+    assert run("bench", "pendulum", "--method", "eairl", "gail", "--iterations", 2, "--json", path, "--set", *tiny) == 0
+    printed = table(capsys)
+    rows = json.loads(path.read_text())["rows"]
+    assert list(rows) == ["eairl-sa", "gail-sa"]
+    stages = {"simulation alone", "rollout", "discriminator", "policy", "iteration", "iteration, five seeds"}
+    for name, row in rows.items():
+        assert row["env_steps_per_iteration"] == 40
+        ms = row["milliseconds"]
+        assert set(ms) == stages | ({"empowerment"} if name == "eairl-sa" else set())
+        assert all(np.isfinite(x) and x > 0 for x in ms.values())
+        assert row["iteration_over_simulation"] == pytest.approx(ms["simulation alone"] / ms["iteration"])
+        assert row["five_seeds_over_one"] == pytest.approx(ms["iteration, five seeds"] / ms["iteration"])
+        assert row["iteration_steps_per_second"] == pytest.approx(40 / (1e-3 * ms["iteration"]))
+        assert set(row["compile_seconds"]) == {"1", "5"}
+        assert printed.count(name) >= 2, "a table of its own and a row beside the others"
+    ratio = rows["gail-sa"]["milliseconds"]["iteration"] / rows["eairl-sa"]["milliseconds"]["iteration"]
+    assert f"{ratio:.2f}" in next(line for line in reversed(printed.splitlines()) if "gail-sa" in line)
+
+
+def test_a_saturated_discriminator_is_told(tmp_path, tiny, capsys):
+    assert imitate(tmp_path / "run", tiny) == 0
+    path = tmp_path / "run" / "metrics.csv"
+    rows = rows_of(tmp_path / "run")
+    for right, told in ((0, False), (2, False), (3, True), (4, True)):  # iterations of 4
+        with open(path, "w", newline="") as f:
+            writer = csv.DictWriter(f, rows[0])
+            writer.writeheader()
+            for r in rows:
+                nearly_all = r["seed"] == "1" and int(r["iteration"]) <= right
+                writer.writerow(r | {"accuracy": "0.995" if nearly_all else "0.98"})
+        capsys.readouterr()
+        assert imitate(tmp_path / "run", tiny) == 0
+        printed = capsys.readouterr().out
+        assert ("accuracy in most iterations (seeds 1)" in printed) == told, right
+        assert ("discriminator_lr" in printed) == told
+
+
+@pytest.mark.parametrize(
+    "name", ["gan_gcl-separable", "eairl_release-separable", "lambda_i 0.001, gradient_penalty 0.5, policy_lr 0.0003"]
+)
+def test_tables_fit_80_columns(name, capsys):
+    rows = [Row(name, np.array([-1226.05, -1181.27]), (-116.26, 8.313), -0.123, "reward of iteration 120")]
+    print_table("Reward learned in point_maze_left, used in point_maze_right: true return, 25 seeds", rows)
+    printed = table(capsys)
+    for cell in ("-1203.66 ± 22.39", "-116.26 ± 8.31", "-0.123"):
+        assert cell in printed
+    first_column = "".join(line.split("│")[1] for line in printed.splitlines() if line.startswith("│"))
+    assert "".join(first_column.split()) == "".join(name.split()), "a long name may be broken, not cut"
+
+
+@pytest.mark.parametrize("command", ["imitate", "transfer", "bench"])
+def test_the_help_names_every_method(command, capsys):
+    assert run(command, "--help") == 0
+    text = " ".join(re.sub("[│╭╮╰╯─]", " ", capsys.readouterr().out).split())
+    assert re.search("One or more of (.*?);", text)[1].split(", ") == list(names())
+
+
+def test_a_setting_of_one_of_the_methods_is_accepted():
+    jobs = prepare("pendulum", ("eairl", "gail"), ("default",), range(1), None, "imitate", ("lambda_i=1",))
+    assert [job.row for job in jobs] == ["eairl-sa", "gail-sa"]
+    assert jobs[0].recipe.hparams.lambda_i == 1.0
+
+
 def test_transfer_uses_the_source_alone_to_choose(tmp_path, tiny):
     arguments = ["transfer", "point_maze_left", "point_maze_right", "--reward-form", "separable", "--seeds", 2]
     settings = ["--set", *tiny, "--retrain-set", *rl_settings(tiny)]
     assert run(*arguments, "--out", tmp_path / "run", *settings) == 0
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    (folder,), (learned,) = ((tmp_path / "run").glob(f"{name}-*") for name in ("transfer", "learn"))
+    summary = json.loads((folder / "summary.json").read_text())
     assert summary["target"] == "point_maze_right"
     source = np.array(summary["source_returns"])  # [snapshot, seed]
     chosen = [summary["snapshots"][best] for best in source.argmax(axis=0)]
     assert summary["chosen_iterations"] == chosen
-    reward = load_reward(tmp_path / "run" / "reward")
+    reward = load_reward(folder / "reward")
     assert reward.description["iterations"] == chosen
     for seed, iteration in enumerate(chosen):
-        snapshot = load_reward(tmp_path / "run" / "imitate" / "snapshots" / f"{iteration:06d}")
+        snapshot = load_reward(learned / "snapshots" / f"{iteration:06d}")
         obs, action = np.array([0.1, 0.2]), np.array([0.3, -0.4])
         assert reward(obs, action, seed) == snapshot(obs, action, seed)
     assert len(summary["ceiling"]) == 2
     # And the artefact can be put to use again.
-    again = ["transfer", "point_maze_left", "point_maze_right", "--reward", tmp_path / "run" / "reward"]
+    again = ["transfer", "point_maze_left", "point_maze_right", "--reward", folder / "reward"]
     assert run(*again, "--out", tmp_path / "again", "--retrain-set", *rl_settings(tiny)) == 0
-    reused = json.loads((tmp_path / "again" / "summary.json").read_text())
+    (folder,) = (tmp_path / "again").glob("reuse-*")
+    reused = json.loads((folder / "summary.json").read_text())
     assert reused["returns"] == summary["returns"]
 
 
@@ -169,6 +338,20 @@ REFUSED = {
     "unkept iteration": (["transfer", "point_maze_left", "point_maze_right", "--rule", "iteration=7"], "no snapshot"),
     "no reward": (["transfer", "point_maze_left", "point_maze_right", "--reward", "nowhere"], "reward.json"),
     "no expert": (["demos", "pendulum", "--expert", "nowhere"], "eairl expert pendulum"),
+    "nothing to transfer": (["transfer", "point_maze_left", "point_maze_right", "--method", "bc"], "learns no reward"),
+    "another method's setting": (["imitate", "pendulum", "--method", "gail", "--set", "lambda_i=1"], "leave it out"),
+    "cut trajectories": (["imitate", "pendulum", "--method", "gan_gcl", "--set", "rollout_length=150"], "multiple"),
+    "no trust region": (["imitate", "pendulum", "--optimizer", "trpo", "--set", "kl_limit=0"], "kl_limit"),
+    "PPO's setting": (["imitate", "pendulum", "--optimizer", "trpo", "--set", "clip_eps=0.1"], "clip_eps"),
+    "TRPO's setting": (["imitate", "pendulum", "--set", "kl_limit=0.1"], "not a setting of eairl with ppo"),
+    "sweep of an integer": (["sweep", "pendulum", "--set", "num_envs=5,10"], "only floats"),
+    "sweep of nothing": (["sweep", "pendulum", "--set", "lambda_i=1"], "give a list of values"),
+    "a bad point": (["sweep", "pendulum", "--set", "gradient_penalty=0,-1"], "gradient_penalty = -1.0"),
+    "sweep of no setting": (["sweep", "pendulum", "--set", "lamda_i=0,1"], "did you mean lambda_i"),
+    "penalties": (["imitate", "pendulum", "--set", "penalties=gradient"], "gradient_penalty="),
+    "clipped cloning": (["imitate", "pendulum", "--method", "bc", "--set", "clip_eps=0.1"], "clip_eps"),
+    "no experts": (["expert", "pendulum", "--seeds", "0"], "at least 1"),
+    "bench of bc": (["bench", "pendulum", "--method", "bc"], "not adversarial"),
     "missing demonstrations": (["imitate", "pendulum", "--demos", "nowhere.npz"], "is not there"),
 }
 
@@ -201,7 +384,7 @@ def test_damaged_demonstrations_are_refused(change, hint, tmp_path, capsys):
 def test_a_folder_of_another_run_is_refused(tmp_path, tiny, capsys):
     assert imitate(tmp_path / "run", tiny) == 0
     assert run("imitate", "pendulum", "--seeds", 1, "--out", tmp_path / "run", "--set", *tiny) == 2
-    assert "different run (seeds: there 2, here 1)" in capsys.readouterr().err
+    assert "different run (seeds: there [0, 1], here [0])" in capsys.readouterr().err
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.tex").write_text("")
     assert imitate(tmp_path / "other", tiny) == 2

@@ -1,0 +1,51 @@
+"""Behaviour cloning: the policy by maximum likelihood on the demonstrations, and nothing else."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from eairl_jax import actor, optimize
+from eairl_jax.config import Config
+from eairl_jax.normalize import flat_size
+from eairl_jax.optimizers import make_optimizer
+from eairl_jax.rl import RLState
+from eairl_jax.types import Algorithm, Demonstrations, Env, HParams, Key
+
+
+def make_bc(env: Env, config: Config) -> Algorithm:
+    """Builds behaviour cloning; its `data` is `Demonstrations`.
+
+    An iteration is `discriminator_updates` minibatches of `discriminator_batch` expert samples. It also acts for one
+    rollout, which only the metric `true_return` uses. The std is fitted too: `HParams.std_end` has no say.
+
+    Raises:
+      InputError: for an environment without flat observations.
+    """
+    optimizer = make_optimizer(flat_size(env), env.action_size, config)
+
+    def init(key: Key, hparams: HParams) -> RLState:
+        del hparams  # no rate is part of the state
+        key, actor_key = jax.random.split(key)
+        return RLState(key, actor.init(actor_key, env, optimizer, config))
+
+    def step(state: RLState, hparams: HParams, demos: Demonstrations):
+        hparams = hparams.at(state.actor.iteration / config.iterations)
+        key, rollout_key, draw_key = jax.random.split(state.key, 3)
+        acting, raw = actor.collect(rollout_key, state.actor, env, optimizer, config)
+        policy = acting.policy
+
+        def loss(params, x: Demonstrations):
+            pi = optimizer.distribution(policy.replace(nets=policy.nets.replace(params=params)), x.obs)
+            log_prob = pi.log_prob(x.action).mean()
+            return -log_prob, {"log_prob_expert": log_prob, "entropy": pi.entropy().mean()}
+
+        drawn = optimize.draw(draw_key, demos, 2, config.discriminator_updates, config.discriminator_batch)
+        nets, metrics = optimize.fit(policy.nets, loss, actor.normalized(acting, drawn), hparams.policy_lr)
+        metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": jnp.zeros(())}
+        return RLState(key, actor.finish(acting, policy.replace(nets=nets), raw, config)), metrics
+
+    def act(state: RLState, obs, key=None):
+        return actor.sample(state.actor, obs, key, optimizer)
+
+    return Algorithm(init, step, act)

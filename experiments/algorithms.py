@@ -1,0 +1,49 @@
+"""Which function builds a method by its name, and which settings mean nothing to it."""
+
+from __future__ import annotations
+
+from eairl_jax import Algorithm, Config, Demonstrations, InputError, make_bc, make_irl
+from eairl_jax.irl import check_segments
+from eairl_jax.methods import resolve, uses_empowerment
+from envs.mjx_task import MjxTask
+
+EMPOWERMENT = {"lambda_i", "beta", "phi_lr", "inverse_lr", "empowerment_updates", "empowerment_batch", "inverse_loss",
+               "phi_sync_interval", "l_i_power", "l_i_actions", "l_i_in", "scoring_phi"}  # fmt: skip
+ADVERSARY = {"discriminator_lr", "history", "history_length", "shaping", "shaping_discount", "reward_form",
+             "reward_obs", "action_part", "judges", "update_order", "gradient_penalty", "action_variance",
+             "hidden"}  # fmt: skip
+TRPO = {"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"}
+PPO = {"clip_eps", "max_grad_norm"}
+
+
+def make(env: MjxTask, config: Config) -> Algorithm:
+    """The algorithm that `config.method` names.
+
+    Raises:
+      InputError: for a setting that it cannot work with.
+    """
+    return make_bc(env, config) if config.method == "bc" else make_irl(env, config)
+
+
+def meaningless(config: Config) -> set[str]:
+    """The settings that a method and its optimiser never read."""
+    unread = PPO if config.optimizer == "trpo" else TRPO
+    if config.method == "bc":
+        return unread | EMPOWERMENT | ADVERSARY
+    if not uses_empowerment(resolve(config)):
+        return unread | EMPOWERMENT
+    return unread
+
+
+def refuse_meaningless(configs: list[Config], given: set[str]) -> None:
+    """Raises `InputError` for a setting that none of the methods of a command reads."""
+    unread = set.intersection(*(meaningless(config) for config in configs)) & given
+    if unread:
+        names = ", ".join(dict.fromkeys(f"{config.method} with {config.optimizer}" for config in configs))
+        raise InputError(f"{', '.join(sorted(unread))}: not a setting of {names}; leave it out")
+
+
+def check(config: Config, demos: Demonstrations) -> None:
+    """Raises `InputError` where a method cannot work with its settings or its demonstrations."""
+    if config.method != "bc":
+        check_segments(resolve(config), demos.reward.shape[1])

@@ -1,0 +1,105 @@
+"""Fresh policies on a given reward: in the target task of a transfer, or back in the source."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from eairl_jax import Algorithm, Lanes, LearnedReward, demonstrations, make_rl, reward_function
+from eairl_jax.types import PyTree
+from envs.mjx_task import MjxTask
+from experiments.folder import Folder, digest
+from experiments.imitate import RETRAIN, take_rows
+from experiments.reference import Reference, reference, shipped
+from experiments.settings import Recipe, parse_overrides, recipe
+from experiments.training import final_returns, lane_keys, train
+
+
+@dataclass(frozen=True)
+class Target:
+    """The task in which rewards are put to use, and how policies are trained there."""
+
+    task: str
+    env: MjxTask
+    recipe: Recipe
+    reference: Reference
+    restarts: int = 1
+    """Policies trained for each score; the one that the reward itself rates best is kept."""
+
+
+def as_target(task: str, env: MjxTask, assignments: tuple[str, ...], restarts: int = 1) -> Target:
+    """A task with its retraining recipe and its reference returns (of the demonstrations we ship)."""
+    path = shipped(task)
+    known = reference(task, env, path, demonstrations.load(path, task))
+    return Target(task, env, recipe(task, env, "retrain", parse_overrides(assignments)), known, restarts)
+
+
+def target_settings(target: Target) -> dict:
+    """What decides how policies are trained in the target task."""
+    own = target.recipe
+    return {
+        "target": target.task,
+        "retrain_config": dataclasses.asdict(own.config),
+        "retrain_hparams": dataclasses.asdict(own.hparams),
+        "retrain_snapshot_every": own.snapshot_every,
+        "restarts": target.restarts,
+    }
+
+
+def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | None, params: PyTree,
+            labels: list[dict], phase: int) -> tuple[Algorithm, PyTree]:  # fmt: skip
+    """Trains a fresh policy a lane in the target task, on learned rewards `[lanes, ...]` or, if None, on the true one.
+
+    Returns:
+      The algorithm and the final states `[lanes, ...]`; the curves are in the folder's metrics.
+    """
+    if reward is None:
+        algorithm = make_rl(target.env, target.recipe.config)
+    else:
+        function = reward_function(reward.config)
+        algorithm = make_rl(target.env, target.recipe.config, lambda params, tau: function(params, tau.obs, tau.action))
+    keys = lane_keys(phase, *([label[name] for label in labels] for name in labels[0]))
+    lanes = Lanes(algorithm, keys, target.recipe.hparams, params, data_per_lane=reward is not None)
+    return algorithm, train(folder, title, lanes, target.recipe, labels)
+
+
+def score(
+    folder: Folder, title: str, target: Target, reward: LearnedReward | None, seeds: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Trains `target.restarts` policies for each seed and keeps the best *by the reward it was trained on*.
+
+    A policy can settle before a wall that it has to walk around. Which of several did not is visible in the learned
+    reward; the true reward has no say.
+
+    Returns:
+      `(curves [seeds, iterations] of true returns, final true returns [seeds])` of the kept policies.
+    """
+    labels = [{"restart": restart, "seed": seed} for restart in range(target.restarts) for seed in seeds]
+    params = jax.tree.map(lambda leaf: np.concatenate([leaf] * target.restarts), reward.params) if reward else ()
+    algorithm, state = retrain(folder, title, target, reward, params, labels, RETRAIN)
+    by_reward = tail(folder.curve("policy_reward", len(labels))).reshape(target.restarts, len(seeds))
+    kept = by_reward.argmax(axis=0) * len(seeds) + np.arange(len(seeds))
+    returns = final_returns(target.env, algorithm, take_rows(state, kept)).mean(axis=1)
+    return folder.curve("true_return", len(labels))[kept], returns
+
+
+def tail(curves: np.ndarray) -> np.ndarray:
+    """Mean of the last tenth of curves `[lanes, iterations]`."""
+    return curves[:, -max(1, curves.shape[1] // 10) :].mean(axis=1)
+
+
+def ceiling(target: Target, seeds: Sequence[int], out: Path) -> np.ndarray:
+    """True returns `[seeds]` of policies trained on the true reward under the very same budget; trained once."""
+    settings = target_settings(target) | {"seeds": list(seeds), "reward": "true"}
+    folder = Folder(out / f"ceiling-{target.task}-{digest(settings)}", settings)
+    summary = folder.summary()
+    if summary is None:
+        _, returns = score(folder, f"ceiling: true reward in {target.task}", target, None, seeds)
+        summary = {"returns": returns.tolist(), "mean": float(returns.mean()), **folder.seconds()}
+        folder.finish(summary)
+    return np.array(summary["returns"])
