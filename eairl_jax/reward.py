@@ -78,7 +78,7 @@ def load_reward(directory: Path | str, obs_size: int | None = None, action_size:
     description = artefact.read_json(directory / "reward.json")
     if description.pop("kind", None) != KIND:
         raise InputError(f"{directory / 'reward.json'} does not describe a learned reward")
-    missing = {"task", "obs_size", "action_size", "config"} - set(description)
+    missing = {"task", "obs_size", "action_size", "seeds", "config"} - set(description)
     if missing:
         raise InputError(f"{directory / 'reward.json'} lacks {', '.join(sorted(missing))}: save the reward anew")
     settings = description.pop("config")
@@ -90,6 +90,11 @@ def load_reward(directory: Path | str, obs_size: int | None = None, action_size:
         raise InputError(f"{directory / 'reward.npz'} does not hold a reward and its normaliser: save it anew")
     params = irl.RewardParams(tree["params"], ObsStats(**tree["obs_stats"]))
     reward = LearnedReward(description, Config.from_json(settings), params)
+    rows = {leaf.shape[0] for leaf in jax.tree.leaves(params)}
+    if rows != {len(description.get("seeds", ()))}:
+        raise InputError(
+            f"{directory} describes {len(description.get('seeds', ()))} seeds, but holds rows for {rows}: save it anew"
+        )
     own = description["obs_size"], description["action_size"]
     meant = (own[0] if obs_size is None else obs_size, own[1] if action_size is None else action_size)
     reward.check_sizes(*meant, "the task that you want to use it on")

@@ -79,11 +79,13 @@ def trpo(obs_size: int, action_size: int, config: Config) -> PolicyOptimizer:
 
         old = pi(theta)
 
+        def policy_loss(log_prob):
+            return -(jnp.exp(log_prob - samples.log_prob) * samples.advantage).mean()
+
         def surrogate(now: Gaussian):
             log_prob = now.log_prob(samples.action)
-            policy_loss = -(jnp.exp(log_prob - samples.log_prob) * samples.advantage).mean()
             cost = penalty(now, log_prob, samples.penalty_data).mean()
-            return policy_loss + cost - hparams.entropy_weight * now.entropy().mean()
+            return policy_loss(log_prob) + cost - hparams.entropy_weight * now.entropy().mean()
 
         gradient = jax.grad(lambda x: surrogate(pi(x)))(theta)
 
@@ -99,7 +101,7 @@ def trpo(obs_size: int, action_size: int, config: Config) -> PolicyOptimizer:
             return surrogate(now), old.kl(now).mean()
 
         reached, fraction = line_search(objective, theta, full_step, hparams.kl_limit, config.line_search_steps)
-        policy_loss, kl = objective(reached)
+        _, kl = objective(reached)
 
         def value_loss(params, minibatch: Batch):
             error = nets.value(params["critic"], minibatch.obs) - minibatch.value_target
@@ -118,7 +120,7 @@ def trpo(obs_size: int, action_size: int, config: Config) -> PolicyOptimizer:
         fitted = fitted.replace(params=moved)  # pyright: ignore
         policy = policy.replace(nets=fitted, log_std_offset=jnp.log(hparams.std_end))  # pyright: ignore
         return policy, {
-            "policy_loss": policy_loss,
+            "policy_loss": policy_loss(pi(reached).log_prob(samples.action)),
             "value_loss": metrics["value_loss"].mean(),
             "entropy": old.entropy().mean(),
             "kl": kl,

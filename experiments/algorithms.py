@@ -14,6 +14,7 @@ ADVERSARY = {"discriminator_lr", "history", "history_length", "shaping", "shapin
              "hidden"}  # fmt: skip
 TRPO = {"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"}
 PPO = {"clip_eps", "max_grad_norm"}
+REINFORCEMENT = {"gamma", "gae_lambda", "entropy_weight", "entropy_end", "std_end"}
 
 
 def make(env: MjxTask, config: Config) -> Algorithm:
@@ -29,17 +30,24 @@ def meaningless(config: Config) -> set[str]:
     """The settings that a method and its optimiser never read."""
     unread = PPO if config.optimizer == "trpo" else TRPO
     if config.method == "bc":
-        return unread | EMPOWERMENT | ADVERSARY
+        return PPO | TRPO | EMPOWERMENT | ADVERSARY | REINFORCEMENT
     if not uses_empowerment(resolve(config)):
         return unread | EMPOWERMENT
     return unread
 
 
-def refuse_meaningless(configs: list[Config], given: set[str]) -> None:
-    """Raises `InputError` for a setting that none of the methods of a command reads."""
-    unread = set.intersection(*(meaningless(config) for config in configs)) & given
+def refuse_meaningless(configs: list[Config], given: set[str], purpose: str | None = None) -> None:
+    """Raises `InputError` for a setting that none of the methods of a command reads.
+
+    Args:
+      purpose: what is done instead of imitation, which reads no setting of an adversary.
+    """
+    unread = set.intersection(*(meaningless(config) for config in configs))
+    if purpose:
+        unread |= EMPOWERMENT | ADVERSARY | {"method", "discriminator_updates", "discriminator_batch"}
+    unread &= given
     if unread:
-        names = ", ".join(dict.fromkeys(f"{config.method} with {config.optimizer}" for config in configs))
+        names = purpose or ", ".join(dict.fromkeys(f"{config.method} with {config.optimizer}" for config in configs))
         raise InputError(f"{', '.join(sorted(unread))}: not a setting of {names}; leave it out")
 
 

@@ -20,7 +20,7 @@ from eairl_jax.types import PyTree, no_penalty
 from experiments.folder import machine
 from experiments.imitate import Job, prepare
 from experiments.summary import peak_memory_gb
-from experiments.training import console, lane_keys
+from experiments.training import LEARN, console, lane_keys
 
 SEEDS = 5
 ROUNDS = 7
@@ -29,7 +29,9 @@ ROUNDS = 7
 def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], json_path: Path | None,
             assignments: tuple[str, ...], iterations: int, line: str) -> None:  # fmt: skip
     """Measures every job of `eairl bench`, prints a table for each and writes all figures as JSON."""
-    jobs = prepare(task, methods, forms, SEEDS, None, "reward", assignments)
+    jobs = prepare(task, methods, forms, range(SEEDS), None, "reward", assignments)
+    if iterations < 1:
+        raise InputError(f"--iterations {iterations}: expected at least 1")
     for job in jobs:
         if not job.has_reward:
             raise InputError(f"{job.row} is not adversarial: bench measures {', '.join(METHODS)}")
@@ -84,7 +86,7 @@ def whole_iterations(job: Job, iterations: int) -> tuple[dict[str, Callable[[], 
         return run
 
     for name, seeds, devices in (("iteration", 1, jax.devices()[:1]), ("iteration, five seeds", SEEDS, jax.devices())):
-        lanes = Lanes(algorithm, lane_keys(0, range(seeds)), job.recipe.hparams, job.demos, devices=devices)
+        lanes = Lanes(algorithm, lane_keys(LEARN, range(seeds)), job.recipe.hparams, job.demos, devices=devices)
         state = lanes.init()
         compile_seconds[str(seeds)] = lanes.compile(state, iterations)
         runs[name] = program(lanes, state)

@@ -26,9 +26,10 @@ def command(task: str, expert: Path | None, episodes: int, seed: int, out: Path 
     source = expert or default_out(f"expert-{task}")
     algorithm, state, settings = load_expert(source, task, env)
     lane = jax.tree.map(lambda leaf: leaf[None], state)
+    sampled, mean = (final_returns(env, algorithm, lane, [seed], SCORE_EPISODES, sampled=s) for s in (True, False))
     scores = {
-        "expert_return": float(final_returns(env, algorithm, lane, SCORE_EPISODES).mean()),
-        "expert_return_mean_action": float(final_returns(env, algorithm, lane, SCORE_EPISODES, sampled=False).mean()),
+        "expert_return": float(sampled.mean()),
+        "expert_return_mean_action": float(mean.mean()),
         "random_return": random_return(env),
     }
 

@@ -13,16 +13,21 @@ from eairl_jax.artefact import read_json
 from eairl_jax.types import PyTree
 from envs.mjx_task import MjxTask
 from experiments import paper
+from experiments.algorithms import refuse_meaningless
 from experiments.folder import Folder
 from experiments.settings import make_env, parse_overrides, recipe
 from experiments.summary import Curve, Row, plot, print_table
-from experiments.training import default_out, final_returns, lane_keys, say, train
+from experiments.training import LEARN, default_out, final_returns, lane_keys, say, train
 
 
 def command(task: str, seeds: int, out: Path | None, assignments: tuple[str, ...], line: str) -> None:
     """Trains `seeds` experts side by side and prints how each of them does."""
     env = make_env(task)
-    own = recipe(task, env, "expert", parse_overrides(assignments))
+    if seeds < 1:
+        raise InputError(f"--seeds {seeds}: expected at least 1")
+    overrides = parse_overrides(assignments)
+    own = recipe(task, env, "expert", overrides)
+    refuse_meaningless([own.config], set(overrides), "reinforcement learning")
     settings = {
         "task": task,
         "seeds": seeds,
@@ -34,10 +39,10 @@ def command(task: str, seeds: int, out: Path | None, assignments: tuple[str, ...
     summary = folder.summary()
     if summary is None:
         algorithm = make_rl(env, own.config)
-        lanes = Lanes(algorithm, lane_keys(0, range(seeds)), own.hparams)
+        lanes = Lanes(algorithm, lane_keys(LEARN, range(seeds)), own.hparams)
         state = train(folder, f"expert of {task}", lanes, own, [{"seed": seed} for seed in range(seeds)])
-        sampled = final_returns(env, algorithm, state).mean(axis=1)
-        mean_action = final_returns(env, algorithm, state, sampled=False).mean(axis=1)
+        sampled = final_returns(env, algorithm, state, range(seeds)).mean(axis=1)
+        mean_action = final_returns(env, algorithm, state, range(seeds), sampled=False).mean(axis=1)
         summary = {
             "command": line,
             "task": task,
@@ -77,7 +82,7 @@ def load_expert(path: Path, task: str, env: MjxTask) -> tuple[Algorithm, PyTree,
         raise InputError(f"{path} holds an expert of {settings['task']}, not of {task}")
     config = Config.from_json(settings["config"])
     algorithm = make_rl(env, config)
-    lanes = Lanes(algorithm, lane_keys(0, range(settings["seeds"])), HParams(**settings["hparams"]))
+    lanes = Lanes(algorithm, lane_keys(LEARN, range(settings["seeds"])), HParams(**settings["hparams"]))
     state = Checkpoints(path / "checkpoints").restore(config.iterations, lanes.take(lanes.init()))
     curve = Folder(path, settings).curve("true_return", settings["seeds"])
     best = int(np.argmax(curve[:, -max(1, config.iterations // 10) :].mean(axis=1)))

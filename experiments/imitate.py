@@ -30,10 +30,7 @@ from experiments.folder import Folder
 from experiments.reference import Reference, reference, shipped
 from experiments.settings import Recipe, make_env, parse_overrides, recipe
 from experiments.summary import Curve, Row, plot, print_table, summarize
-from experiments.training import console, default_out, final_returns, lane_keys, say, train
-
-# Phases of an experiment, for `lane_keys`.
-LEARN, RETRAIN, SOURCE_RETRAIN = 0, 1, 2
+from experiments.training import LEARN, console, default_out, final_returns, lane_keys, say, train
 
 SATURATED_ACCURACY = 0.99
 
@@ -104,7 +101,7 @@ def prepare(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: 
 
 
 def learn(folder: Folder, job: Job, points: list[dict[str, float]] | None = None) -> tuple[Algorithm, PyTree]:
-    """Trains a job in a folder, keeping a snapshot of every lane's reward in `snapshots/`.
+    """Trains a job in a folder, keeping a snapshot of every seed's reward in `snapshots/` (not of a sweep's).
 
     Args:
       points: of a sweep, floats of `HParams` that replace the recipe's; each is trained with every seed.
@@ -121,8 +118,8 @@ def learn(folder: Folder, job: Job, points: list[dict[str, float]] | None = None
     def keep(iteration: int, state: PyTree) -> None:
         save_reward(snapshot_path(folder, iteration), describe(job, learned_reward(state), [iteration] * len(labels)))
 
-    title = f"{job.row} in {job.task}"
-    return algorithm, train(folder, title, lanes, job.recipe, labels, keep if job.has_reward else None)
+    title, kept = f"{job.row} in {job.task}", keep if job.has_reward and len(points) == 1 else None
+    return algorithm, train(folder, title, lanes, job.recipe, labels, kept)
 
 
 def snapshot_path(folder: Folder, iteration: int) -> Path:
@@ -153,7 +150,7 @@ def imitate(job: Job, out: Path, command: str) -> dict:
     summary = folder.summary()
     if summary is None:
         algorithm, state = learn(folder, job)
-        returns = final_returns(job.env, algorithm, state).mean(axis=1)
+        returns = final_returns(job.env, algorithm, state, job.seeds).mean(axis=1)
         config = job.recipe.config
         if job.has_reward:
             save_reward(folder.path / "reward", load_reward(snapshot_path(folder, config.iterations)))
@@ -167,16 +164,21 @@ def imitate(job: Job, out: Path, command: str) -> dict:
     return summary
 
 
-def warn_if_saturated(folder: Folder, job: Job) -> None:
-    """Says so if a discriminator was right about nearly everything for most of the run: it then teaches little."""
+def warn_if_saturated(folder: Folder, job: Job, lanes: list[str] | None = None) -> None:
+    """Says so if a discriminator was right about nearly everything for most of the run: it then teaches little.
+
+    Args:
+      lanes: what to call each lane; its seed, unless told.
+    """
+    lanes = lanes or [f"seed {seed}" for seed in job.seeds]
     if not job.has_reward:
         return
-    share = (folder.curve("accuracy", len(job.seeds)) > SATURATED_ACCURACY).mean(axis=1)
-    if (share > 0.5).any():
-        seeds = " ".join(str(job.seeds[lane]) for lane in np.flatnonzero(share > 0.5))
+    share = (folder.curve("accuracy", len(lanes)) > SATURATED_ACCURACY).mean(axis=1)
+    saturated = [lane for lane, s in zip(lanes, share, strict=True) if s > 0.5]
+    if saturated:
         console.print(
             f"[yellow]{job.row}: the discriminator was above {SATURATED_ACCURACY:.0%} accuracy in most iterations "
-            f"(seeds {seeds}), where its reward says little. Try --set discriminator_lr=0.0003, "
+            f"({', '.join(saturated)}), where its reward says little. Try --set discriminator_lr=0.0003, "
             "discriminator_updates=3, gradient_penalty=1 or a larger entropy_weight[/yellow]",
             soft_wrap=True,
         )

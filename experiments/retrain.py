@@ -13,11 +13,12 @@ import numpy as np
 from eairl_jax import Algorithm, Lanes, LearnedReward, demonstrations, make_rl, reward_function
 from eairl_jax.types import PyTree
 from envs.mjx_task import MjxTask
+from experiments.algorithms import refuse_meaningless
 from experiments.folder import Folder, digest
-from experiments.imitate import RETRAIN, take_rows
+from experiments.imitate import take_rows
 from experiments.reference import Reference, reference, shipped
 from experiments.settings import Recipe, parse_overrides, recipe
-from experiments.training import final_returns, lane_keys, train
+from experiments.training import RETRAIN, final_returns, lane_keys, train
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,10 @@ def as_target(task: str, env: MjxTask, assignments: tuple[str, ...], restarts: i
     """A task with its retraining recipe and its reference returns (of the demonstrations we ship)."""
     path = shipped(task)
     known = reference(task, env, path, demonstrations.load(path, task))
-    return Target(task, env, recipe(task, env, "retrain", parse_overrides(assignments)), known, restarts)
+    overrides = parse_overrides(assignments)
+    own = recipe(task, env, "retrain", overrides)
+    refuse_meaningless([own.config], set(overrides), "reinforcement learning")
+    return Target(task, env, own, known, restarts)
 
 
 def target_settings(target: Target) -> dict:
@@ -84,7 +88,7 @@ def score(
     algorithm, state = retrain(folder, title, target, reward, params, labels, RETRAIN)
     by_reward = tail(folder.curve("policy_reward", len(labels))).reshape(target.restarts, len(seeds))
     kept = by_reward.argmax(axis=0) * len(seeds) + np.arange(len(seeds))
-    returns = final_returns(target.env, algorithm, take_rows(state, kept)).mean(axis=1)
+    returns = final_returns(target.env, algorithm, take_rows(state, kept), seeds).mean(axis=1)
     return folder.curve("true_return", len(labels))[kept], returns
 
 

@@ -11,9 +11,10 @@ import numpy as np
 
 from eairl_jax import InputError, LearnedReward, load_reward
 from experiments.folder import Folder
-from experiments.imitate import SOURCE_RETRAIN, Job, describe, snapshot_path
+from experiments.imitate import Job, describe, snapshot_path
 from experiments.retrain import Target, retrain, tail
 from experiments.settings import Recipe
+from experiments.training import SOURCE_RETRAIN
 
 SOURCE_RETRAIN_ITERATIONS = 50
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -12,6 +13,9 @@ from eairl_jax.config import choose
 from envs.mjx_task import MjxTask
 
 PURPOSES = ("expert", "imitate", "reward", "retrain")
+
+# Every setting that --set knows, with its default.
+SETTINGS: dict[str, Any] = {f.name: f.default for f in (*fields(Config), *fields(HParams))} | {"snapshot_every": 40}
 
 
 @dataclass(frozen=True)
@@ -90,8 +94,8 @@ def recipe(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any]) -> 
 def check_hparams(hparams: HParams, config: Config) -> None:
     """Raises `InputError` for a float that no run can have."""
     for name, value in dataclasses.asdict(hparams).items():
-        if not value >= 0:  # NaN too
-            raise InputError(f"{name} = {value}: expected 0 or more")
+        if not 0 <= value < math.inf:  # NaN too
+            raise InputError(f"{name} = {value}: expected a number, 0 or more")
     if config.optimizer == "trpo" and not hparams.kl_limit > 0:
         raise InputError(f"kl_limit = {hparams.kl_limit}: TRPO never moves then; expected more than 0, e.g. 0.01")
     for name in ("gamma", "gae_lambda"):
@@ -105,23 +109,22 @@ def parse_overrides(assignments: tuple[str, ...]) -> dict[str, Any]:
     Raises:
       InputError: for a name that is no setting (with the nearest ones) or a value of another type.
     """
-    defaults = {f.name: f.default for f in (*fields(Config), *fields(HParams))} | {"snapshot_every": 40}
     parsed = {}
     for assignment in assignments:
         name, equals, text = assignment.partition("=")
         if not equals:
             raise InputError(f"--set {assignment}: expected name=value, e.g. --set lambda_i=0.1")
-        choose("setting", name, defaults)
-        parsed[name] = _parse(name, text, defaults[name])
+        choose("setting", name, SETTINGS)
+        parsed[name] = _parse(name, text, SETTINGS[name])
     return parsed
 
 
 def _parse(name: str, text: str, default: Any) -> Any:
+    if name == "penalties":
+        raise InputError("penalties follows from the weights: --set gradient_penalty=... or action_variance=...")
     try:
         if isinstance(default, bool):
             return {"true": True, "false": False}[text.lower()]
-        if name == "penalties":
-            raise InputError("penalties follows from the weights: --set gradient_penalty=... or action_variance=...")
         if isinstance(default, tuple):
             return tuple(int(width) for width in text.split(","))
         return type(default)(text)

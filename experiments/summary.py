@@ -70,13 +70,14 @@ class Row(NamedTuple):
 def print_table(title: str, rows: list[Row]) -> None:
     """Prints mean and std of each row beside the paper's, then every seed. Fits 80 columns."""
     table = Table(title=title, title_justify="left")
-    table.add_column("", no_wrap=True)
-    for name in ("mean ± std", "paper", "normalized"):
+    table.add_column("", overflow="fold")
+    with_paper = any(row.published for row in rows)
+    for name in ("mean ± std", *(["paper"] if with_paper else []), "normalized"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
         mean = f"{np.mean(row.returns):.2f}" + (f" ± {np.std(row.returns):.2f}" if len(row.returns) > 1 else "")
         normalized = "" if row.normalized is None else f"{row.normalized:.3f}"
-        table.add_row(row.name, mean, paper.show(row.published), normalized)
+        table.add_row(row.name, mean, *([paper.show(row.published)] if with_paper else []), normalized)
     console.print(table)
     for row in rows:
         each = "every seed " + "  ".join(f"{r:.2f}" for r in row.returns) if len(row.returns) > 1 else ""
@@ -91,6 +92,7 @@ def plot(path: Path, title: str, curves: list[Curve]) -> None:
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import EngFormatter
 
     panels = list(dict.fromkeys(curve.panel for curve in curves))
     figure, axes = plt.subplots(1, len(panels), figsize=(5.2 * len(panels), 3.8), squeeze=False, layout="constrained")
@@ -104,7 +106,9 @@ def plot(path: Path, title: str, curves: list[Curve]) -> None:
         for name, height in dict.fromkeys(curve.level for curve in drawn if curve.level):
             axis.axhline(height, color="black", lw=0.8, ls="--")
             axis.annotate(name, (1, height), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)
-        axis.set(title=panel, xlabel="environment steps of one seed")
+        axis.set_title(panel, fontsize=10)
+        axis.set_xlabel("environment steps of a seed; mean and range over seeds")
+        axis.xaxis.set_major_formatter(EngFormatter(sep=""))
         axis.spines[["top", "right"]].set_visible(False)
         if len(drawn) > 1 or drawn[0].label:
             axis.legend(frameon=False, fontsize=8)
@@ -120,6 +124,7 @@ def plot_sweep(path: Path, title: str, names: list[str], returns: np.ndarray, cu
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import EngFormatter
 
     figure, (final, learning) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
     colors = plt.get_cmap("viridis")(np.linspace(0.0, 0.9, len(names)))
@@ -130,7 +135,8 @@ def plot_sweep(path: Path, title: str, names: list[str], returns: np.ndarray, cu
         learning.plot((1 + np.arange(len(values))) * steps_per_iteration, values, color=color, label=names[i])
     final.set_xticks(range(len(names)), names, rotation=20, ha="right")
     final.set_title("final true return, a dot a seed")
-    learning.set(title="true return while learning, mean", xlabel="environment steps of one seed")
+    learning.set(title="true return while learning, mean over seeds", xlabel="environment steps of a seed")
+    learning.xaxis.set_major_formatter(EngFormatter(sep=""))
     learning.legend(frameon=False, fontsize=8)
     for axis in (final, learning):
         axis.axhline(expert, color="black", lw=0.8, ls="--")

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from eairl_jax import InputError
+from eairl_jax.config import choose
 from eairl_jax.types import HParams
 from experiments.folder import Folder
-from experiments.imitate import Job, learn, prepare
-from experiments.settings import parse_overrides
+from experiments.imitate import Job, learn, prepare, warn_if_saturated
+from experiments.settings import SETTINGS, parse_overrides
 from experiments.summary import Row, plot_sweep, print_table, summarize
 from experiments.training import default_out, final_returns, say
 
@@ -32,6 +33,8 @@ def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: 
     summary = sweep(job, points, where, line)
     rows = [Row("expert", np.array([job.reference.expert]), None, 1.0)]
     rows += [Row(name_of(r["point"]), np.array(r["returns"]), None, r["normalized"]) for r in summary["rows"]]
+    lanes = [f"{name_of(point)} seed {seed}" for point in points for seed in job.seeds]
+    warn_if_saturated(Folder(where, job.settings() | {"sweep": points}), job, lanes)
     print_table(f"{job.row} in {task}: true return, {len(seeds)} seeds for each setting", rows)
     say(f"in {where}/; curves.png shows them side by side")
 
@@ -45,6 +48,7 @@ def split(assignments: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, list
     grid, fixed = {}, []
     for assignment in assignments:
         name, _, text = assignment.partition("=")
+        choose("setting", name, SETTINGS)
         if "," not in text or name in ("hidden", "policy_hidden", "value_hidden"):
             fixed.append(assignment)
             continue
@@ -70,7 +74,11 @@ def sweep(job: Job, points: list[dict[str, float]], out: Path, command: str) -> 
     summary = folder.summary()
     if summary is None:
         algorithm, state = learn(folder, job, points)
-        returns = final_returns(job.env, algorithm, state).mean(axis=1).reshape(len(points), len(job.seeds))
+        returns = (
+            final_returns(job.env, algorithm, state, list(job.seeds) * len(points))
+            .mean(axis=1)
+            .reshape(len(points), len(job.seeds))
+        )
         config = job.recipe.config
         steps = config.iterations * config.steps_per_iteration
         rows = [

@@ -21,7 +21,9 @@ from experiments.settings import Recipe
 console = Console()
 RUNS = Path("runs")
 EVALUATION_EPISODES = 100
-EVALUATION_SEED = 10_000
+
+# Phases of an experiment, for `lane_keys`.
+LEARN, RETRAIN, SOURCE_RETRAIN, EVALUATE = range(4)
 
 
 class Diverged(RuntimeError):
@@ -109,18 +111,25 @@ def train(
 
 
 def final_returns(
-    env: MjxTask, algorithm: Algorithm, state: PyTree, episodes: int | None = None, sampled: bool = True
+    env: MjxTask,
+    algorithm: Algorithm,
+    state: PyTree,
+    seeds: Sequence[int],
+    episodes: int | None = None,
+    sampled: bool = True,
 ) -> np.ndarray:
-    """True returns `[lanes, episodes]` of every lane's policy over fresh whole episodes (100 unless told)."""
+    """True returns `[lanes, episodes]` of every lane's policy over fresh whole episodes (100 unless told).
+
+    The episodes are a matter of the lane's seed alone, so that a policy's score never depends on its neighbours.
+    """
     episodes = episodes or EVALUATION_EPISODES
 
     def one(state, key):
         act = lambda obs, key: algorithm.act(state, obs, key if sampled else None)  # noqa: E731
         return evaluate(key, env, act, episodes, env.episode_length)[0]
 
-    count = jax.tree.leaves(state)[0].shape[0]
-    keys = jax.random.split(jax.random.PRNGKey(EVALUATION_SEED), count)
-    return np.asarray(jax.jit(jax.vmap(one))(jax.tree.map(jax.numpy.asarray, state), keys))
+    state = jax.tree.map(jax.numpy.asarray, state)
+    return np.asarray(jax.jit(jax.vmap(one))(state, lane_keys(EVALUATE, seeds)))
 
 
 def _progress() -> Progress:

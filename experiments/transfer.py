@@ -35,7 +35,7 @@ def transfer(job: Job, rule: Rule, source: Target, target: Target, out: Path, co
         reward, seen = choose_reward(folder, learning, job, rule, source)
         save_reward(folder.path / "reward", reward)
         more = {"row": job.row, "is_published": job.is_published, "rule": str(rule)} | seen
-        more["imitation_returns"] = final_returns(job.env, algorithm, state).mean(axis=1).tolist()
+        more["imitation_returns"] = final_returns(job.env, algorithm, state, job.seeds).mean(axis=1).tolist()
         curves = imitate.imitation_curves(learning, job)[:3]
         summary = reuse(folder, reward, target, job.seeds, command, job.row, curves, learning.seconds(), more)
     say(f"{job.row}, {rule}: in {folder.path}/; the reward was learned in {learning.path}/")
@@ -56,8 +56,9 @@ def reuse(folder: Folder, reward: LearnedReward, target: Target, seeds: Sequence
     summary = summarize(command, reward.description["task"], target.task, reward.description["method"], seeds, returns,
                         config.iterations * config.steps_per_iteration, _sum(seconds, folder.seconds()),
                         target.reference, ceiling=best.tolist(), **more)  # fmt: skip
-    panel = Curve(f"true return in {target.task}, on the learned reward", "", returned, config.steps_per_iteration,
-                  ("ceiling: true reward", float(best.mean())))  # fmt: skip
+    title = f"true return in {target.task}, trained on the learned reward"
+    level = ("ceiling: true reward", float(best.mean()))
+    panel = Curve(title, "", returned, config.steps_per_iteration, level)
     curves = [dataclasses.replace(c, panel=f"{c.panel} while learning") for c in curves]
     plot(folder.path / "curves.png", f"{row}: {reward.description['task']} to {target.task}", [*curves, panel])
     folder.finish(summary)

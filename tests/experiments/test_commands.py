@@ -25,7 +25,7 @@ def run(*arguments):
 
 def rl_settings(tiny):
     """Those of `tiny` that retraining has too."""
-    return [a for a in tiny if not a.startswith(("history", "discriminator", "empowerment"))]
+    return [a for a in tiny if not a.startswith(("history", "discriminator", "empowerment", "hidden"))]
 
 
 def imitate(out, tiny, *more):
@@ -223,7 +223,7 @@ def test_a_saturated_discriminator_is_told(tmp_path, tiny, capsys):
         capsys.readouterr()
         assert imitate(tmp_path / "run", tiny) == 0
         printed = capsys.readouterr().out
-        assert ("accuracy in most iterations (seeds 1)" in printed) == told, right
+        assert ("accuracy in most iterations (seed 1)" in printed) == told, right
         assert ("discriminator_lr" in printed) == told
 
 
