@@ -16,7 +16,7 @@ from eairl_jax import optimize
 from eairl_jax.config import Config
 from eairl_jax.gaussian import Gaussian
 from eairl_jax.nets import GaussianMLP, scalar
-from eairl_jax.types import HParams, Key, Metrics, PyTree, Transition
+from eairl_jax.types import HParams, Key, Metrics, PyTree, Transition, no_penalty
 
 
 def potential_target(log_q: jax.Array, log_prob: jax.Array, beta: float | jax.Array) -> jax.Array:
@@ -132,3 +132,28 @@ def sync(state: Empowerment, iteration: jax.Array, config: Config) -> Empowermen
     due = iteration % config.phi_sync_interval == 0
     copied = jax.tree.map(lambda new, slow: jnp.where(due, new, slow), state.phi.params, state.phi_target)
     return Empowerment(state.inverse, state.phi, copied)
+
+
+def with_l_i(key: Key, tau: Transition, pi, emp, hparams: HParams, config: Config):
+    """lambda_I l_I where `config.l_i_in` says: in the reward, or as a cost on the policy (Eq. 11).
+
+    Returns:
+      The transitions, the penalty, and what the penalty needs of each transition.
+    """
+    if not emp:
+        return tau, no_penalty, ()
+    own = terms(key, emp.inverse.params, pi(tau.obs), tau, config)
+    potential = phi(emp.phi.params, tau.obs, config)
+
+    def cost(log_prob, log_q, potential):
+        return hparams.lambda_i * l_i(log_q, log_prob, potential, hparams.beta, config.l_i_power)
+
+    if config.l_i_in == "reward":
+        return tau._replace(reward=tau.reward - cost(own.log_prob, own.log_q, potential)), no_penalty, ()
+
+    def penalty(now, log_prob, data):
+        log_q, potential, *drawn = data
+        return cost(now.log_prob(drawn[0]) if drawn else log_prob, log_q, potential)
+
+    drawn = (own.action,) if config.l_i_actions == "drawn" else ()
+    return tau, penalty, (own.log_q, potential, *drawn)

@@ -9,14 +9,12 @@ import functools
 from collections.abc import Callable
 
 import jax
-import jax.numpy as jnp
 from flax import struct
 
-from eairl_jax import actor, discriminator, empowerment, history, methods, normalize, optimize
+from eairl_jax import actor, discriminator, empowerment, history, methods, normalize, optimize, samples
 from eairl_jax.config import Config
-from eairl_jax.errors import InputError
 from eairl_jax.optimizers import make_optimizer
-from eairl_jax.types import Algorithm, Demonstrations, Env, HParams, Key, PyTree, Transition, no_penalty
+from eairl_jax.types import Algorithm, Demonstrations, Env, HParams, Key, PyTree
 
 
 @struct.dataclass
@@ -53,7 +51,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
       InputError: for an unknown method, an environment without flat observations, or trajectories that rollouts cut.
     """
     config = methods.resolve(config)
-    check_segments(config)
+    samples.check_segments(config)
     obs_size, action_size = normalize.flat_size(env), env.action_size
     optimizer = make_optimizer(obs_size, action_size, config)
     uses_empowerment = methods.uses_empowerment(config)
@@ -84,8 +82,8 @@ def make_irl(env: Env, config: Config) -> Algorithm:
 
         # xi: the discriminator, hence the reward
         def fit_discriminator(emp):
-            expert, policy = draw_samples(d_key, demos, past, raw, config)
-            pair = (as_samples(x, pi, emp, acting, hparams, config) for x in (expert, policy))
+            expert, policy = samples.draw(d_key, demos, past, raw, config)
+            pair = (samples.prepare(x, pi, emp, acting, hparams, config) for x in (expert, policy))
             return discriminator.fit(state.discriminator, *pair, hparams, config)
 
         if config.update_order == "discriminator_first":
@@ -96,10 +94,10 @@ def make_irl(env: Env, config: Config) -> Algorithm:
             d, d_metrics = fit_discriminator(emp)
 
         # theta: the policy, on the reward as it now is, and on l_I
-        seen = as_samples(raw, None, emp, acting, hparams, config, scoring=True)
+        seen = samples.prepare(raw, None, emp, acting, hparams, config, scoring=True)
         logit = discriminator.logit_expert_high(d.params, seen, discriminator.shaping_discount(hparams, config), config)
         tau = tau._replace(reward=methods.METHODS[config.method].policy_reward(logit))
-        tau, penalty, penalty_data = with_l_i(jax.random.fold_in(pi_key, 1), tau, pi, emp, hparams, config)
+        tau, penalty, penalty_data = empowerment.with_l_i(jax.random.fold_in(pi_key, 1), tau, pi, emp, hparams, config)
         policy, pi_metrics = optimizer.update(pi_key, acting.policy, tau, penalty, penalty_data, hparams)
 
         # varphi': the slow copy of the empowerment
@@ -114,77 +112,6 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         return actor.sample(state.actor, obs, key, optimizer)
 
     return Algorithm(init, step, act)
-
-
-def check_segments(config: Config, demo_length: int | None = None) -> None:
-    """Raises `InputError` where trajectories are judged and rollouts or demonstrations do not hold whole ones.
-
-    Only lengths can be checked: an environment that ends episodes before `config.episode_length` is not for GAN-GCL.
-    """
-    for name, length in (("rollout_length", config.rollout_length), ("the demonstrations' length", demo_length)):
-        if config.judges == "trajectories" and length and length % config.episode_length:
-            raise InputError(
-                f"{config.method} judges whole trajectories: {name} = {length} must be a multiple of episode_length = "
-                f"{config.episode_length}, or episodes are cut in pieces"
-            )
-
-
-def draw_samples(key: Key, demos: Demonstrations, past: history.History, raw: Transition, config: Config):
-    """Raw minibatches `[updates, batch, length, ...]` of the expert and of the policy's history."""
-    check_segments(config, demos.reward.shape[1])
-    length = config.episode_length if config.judges == "trajectories" else 1
-    updates, batch = config.discriminator_updates, -(-config.discriminator_batch // length)
-    expert_key, policy_key = jax.random.split(key)
-    index = jax.random.randint(expert_key, (updates, batch), 0, demos.reward.size // length)
-    expert = optimize.rows(demos, 2, optimize.segment(index, length))
-    return expert, history.draw(policy_key, past, raw, updates, batch, length, config)
-
-
-def as_samples(
-    raw, pi, emp, acting: actor.Actor, hparams: HParams, config: Config, scoring: bool = False
-) -> discriminator.Samples:
-    """What the logit needs of raw samples, log pi under the current policy `pi`; None: as it was when they were taken.
-
-    Phi is a constant in it: no gradient of the discriminator's loss reaches Phi.
-    """
-    x = actor.normalized(acting, raw)
-    log_prob = pi(x.obs).log_prob(x.action) if pi else raw.log_prob
-    phi_shaping = jnp.zeros_like(log_prob)
-    if config.shaping in ("empowerment", "both"):
-        next_params = emp.phi.params if scoring and config.scoring_phi == "learning" else emp.phi_target
-        phi, next_phi = empowerment.phi(emp.phi.params, x.obs, config), empowerment.phi(next_params, x.next_obs, config)
-        phi_shaping = discriminator.shaping(
-            phi, next_phi, x.terminated, discriminator.shaping_discount(hparams, config)
-        )
-    seen = raw if config.reward_obs == "raw" else x
-    return discriminator.Samples(
-        seen.obs, x.action, seen.next_obs, x.terminated, log_prob, jax.lax.stop_gradient(phi_shaping)
-    )  # fmt: skip
-
-
-def with_l_i(key: Key, tau: Transition, pi, emp, hparams: HParams, config: Config):
-    """lambda_I l_I where `config.l_i_in` says: in the reward, or as a cost on the policy (Eq. 11).
-
-    Returns:
-      The transitions, the penalty, and what the penalty needs of each transition.
-    """
-    if not emp:
-        return tau, no_penalty, ()
-    own = empowerment.terms(key, emp.inverse.params, pi(tau.obs), tau, config)
-    phi = empowerment.phi(emp.phi.params, tau.obs, config)
-
-    def cost(log_prob, log_q, phi):
-        return hparams.lambda_i * empowerment.l_i(log_q, log_prob, phi, hparams.beta, config.l_i_power)
-
-    if config.l_i_in == "reward":
-        return tau._replace(reward=tau.reward - cost(own.log_prob, own.log_q, phi)), no_penalty, ()
-
-    def penalty(now, log_prob, data):
-        log_q, phi, *drawn = data
-        return cost(now.log_prob(drawn[0]) if drawn else log_prob, log_q, phi)
-
-    drawn = (own.action,) if config.l_i_actions == "drawn" else ()
-    return tau, penalty, (own.log_q, phi, *drawn)
 
 
 def learned_reward(state: IRLState) -> RewardParams:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from eairl_jax import Algorithm, Config, Demonstrations, InputError, make_bc, make_irl
-from eairl_jax.irl import check_segments
 from eairl_jax.methods import resolve, uses_empowerment
+from eairl_jax.samples import check_segments
 from envs.mjx_task import MjxTask
 
 EMPOWERMENT = {"lambda_i", "beta", "phi_lr", "inverse_lr", "empowerment_updates", "empowerment_batch", "inverse_loss",

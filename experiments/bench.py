@@ -11,9 +11,8 @@ import jax
 import numpy as np
 from rich.table import Table
 
-from eairl_jax import InputError, Lanes, actor, discriminator, empowerment, history, make_irl
+from eairl_jax import InputError, Lanes, actor, discriminator, empowerment, history, make_irl, samples
 from eairl_jax.artefact import write_json
-from eairl_jax.irl import as_samples, draw_samples
 from eairl_jax.methods import METHODS, resolve
 from eairl_jax.optimizers import make_optimizer
 from eairl_jax.types import PyTree, no_penalty
@@ -105,8 +104,8 @@ def stages(job: Job, iterations: int) -> dict[str, Callable[[], None]]:
         return optimizer.distribution(acting.policy, obs)
 
     def discriminate(key, d):
-        drawn = draw_samples(key, job.demos, past, raw, config)
-        pair = (as_samples(x, pi, state.empowerment, acting, hparams, config) for x in drawn)
+        drawn = samples.draw(key, job.demos, past, raw, config)
+        pair = (samples.prepare(x, pi, state.empowerment, acting, hparams, config) for x in drawn)
         return discriminator.fit(d, *pair, hparams, config)[0]
 
     programs = {

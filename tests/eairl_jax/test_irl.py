@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 import envs
-from eairl_jax import Demonstrations, HParams, InputError, RewardParams, empowerment, history, irl, learned_reward
+from eairl_jax import Demonstrations, HParams, InputError, RewardParams, empowerment, history, learned_reward, samples
 from eairl_jax.gaussian import Gaussian
 from eairl_jax.irl import make_irl, reward_function
 from eairl_jax.methods import METHODS, resolve
@@ -160,7 +160,7 @@ def test_the_discriminator_is_shown_transitions_or_whole_episodes(tiny, transiti
         *(jnp.arange(3 * 5 * n).reshape(3, 5, *tail) for n, *tail in ((4, 4), (2, 2), (4, 4), (1,), (1,)))
     )
     past = history.add(history.empty(4, 2, config), raw)
-    drawn = irl.draw_samples(jax.random.PRNGKey(0), demos, past, raw, config)
+    drawn = samples.draw(jax.random.PRNGKey(0), demos, past, raw, config)
     for given, episodes in zip(drawn, (demos.obs, raw.obs.swapaxes(0, 1)), strict=True):
         assert given.obs.shape == (2, batch, length, 4)
         pieces = {tuple(piece) for piece in np.asarray(given.obs).reshape(2 * batch, -1)}
@@ -224,16 +224,16 @@ def test_the_shaping_by_phi_is_a_constant_of_the_phi_and_the_discount_asked_for(
     config, emp, acting, raw, x, pi = untrained(**changes)
 
     def shaping(emp):
-        return irl.as_samples(raw, pi, emp, acting, HPARAMS, config, scoring=scoring)
+        return samples.prepare(raw, pi, emp, acting, HPARAMS, config, scoring=scoring)
 
-    samples = shaping(emp)
+    given = shaping(emp)
     next_phi = emp.phi.params if scoring and "scoring_phi" in changes else emp.phi_target
     discount = 1.0 if "shaping_discount" in changes else GAMMA
     phi, next_phi = mlp(emp.phi.params, x.obs)[..., 0], mlp(next_phi, x.next_obs)[..., 0]
     assert x.terminated.sum() > 0
-    np.testing.assert_allclose(samples.phi_shaping, discount * (1 - x.terminated) * next_phi - phi, atol=1e-5)
+    np.testing.assert_allclose(given.phi_shaping, discount * (1 - x.terminated) * next_phi - phi, atol=1e-5)
     now = stats.norm.logpdf(x.action, pi(x.obs).mean, np.exp(pi(x.obs).log_std)).sum(axis=-1)
-    np.testing.assert_allclose(samples.log_prob, now, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(given.log_prob, now, rtol=1e-4, atol=1e-4)
     for leaf in jax.tree.leaves(jax.grad(lambda emp: shaping(emp).phi_shaping.sum(), allow_int=True)(emp)):
         assert leaf.dtype == jax.dtypes.float0 or not leaf.any()
 
@@ -249,7 +249,7 @@ def test_l_i_lowers_the_reward_or_is_a_penalty_on_the_policy_as_it_is_now(untrai
     def cost(log_prob):
         return 0.3 * np.abs(0.7 * own.log_q - (log_prob + phi)) ** power
 
-    kept, penalty, data = irl.with_l_i(key, x, pi, emp, hparams, config)
+    kept, penalty, data = empowerment.with_l_i(key, x, pi, emp, hparams, config)
     np.testing.assert_array_equal(kept.reward, x.reward)
     now = Gaussian(pi(x.obs).mean + 0.3, pi(x.obs).log_std - 0.2)
     judged = x.action if actions == "taken" else own.action
@@ -258,7 +258,7 @@ def test_l_i_lowers_the_reward_or_is_a_penalty_on_the_policy_as_it_is_now(untrai
     np.testing.assert_allclose(given, cost(now_log_prob), rtol=1e-4, atol=1e-4)
 
     config = resolve(dataclasses.replace(config, l_i_in="reward"))
-    lowered, nothing, data = irl.with_l_i(key, x, pi, emp, hparams, config)
+    lowered, nothing, data = empowerment.with_l_i(key, x, pi, emp, hparams, config)
     np.testing.assert_allclose(lowered.reward, x.reward - cost(own.log_prob), rtol=1e-4, atol=1e-4)
     assert (nothing, data) == (no_penalty, ())
 
