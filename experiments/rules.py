@@ -84,8 +84,11 @@ def choose_reward(
     inner = Folder(folder.path / "source_retrain", {"rule": dataclasses.asdict(rule)})
     title = f"{job.row}: retraining on {len(kept)} snapshots in {job.task}"
     retrain(inner, title, short, rewards[0], params, labels, SOURCE_RETRAIN)
-    last = tail(inner.curve("true_return", len(labels)))
-    scores = last.reshape(rule.repeats, len(kept), len(job.seeds)).mean(axis=0)
+    # As in the target: of the repeats the one that its own reward rates best. Not their mean, which is low where one
+    # policy settled before a wall, whatever the reward.
+    learned, true = (tail(inner.curve(name, len(labels))).reshape(rule.repeats, len(kept), len(job.seeds))
+                     for name in ("policy_reward", "true_return"))  # fmt: skip
+    scores = np.take_along_axis(true, learned.argmax(axis=0)[None], axis=0)[0]
     best = scores.argmax(axis=0)
     rows = [jax.tree.map(lambda leaf, lane=lane: leaf[lane], rewards[b].params) for lane, b in enumerate(best)]
     chosen = [kept[b] for b in best]
