@@ -181,7 +181,7 @@ class Transfer:
     restarts: Annotated[
         int,
         arg(help="Policies trained in TARGET for each score; the best of them by the learned reward is kept."),
-    ] = 2
+    ] = 4
 
     def run(self, line: str) -> None:
         from experiments import transfer
