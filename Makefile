@@ -29,8 +29,8 @@ demo: $(STAMP)
 	@$(BIN)/eairl transfer point_maze_left point_maze_right --method eairl --reward-form sa separable --seeds 5
 
 test: $(STAMP)
-	@echo "== the fast tests"
-	@$(BIN)/python -m pytest -m "not slow"
+	@echo "== the fast tests, on two processes"
+	@$(BIN)/python -m pytest -m "not slow" -n 2
 
 test-slow: $(STAMP)
 	@echo "== the tests that train to convergence"
