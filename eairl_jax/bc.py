@@ -9,8 +9,8 @@ from eairl_jax import actor, optimize
 from eairl_jax.config import Config
 from eairl_jax.normalize import flat_size
 from eairl_jax.optimizers import make_optimizer
-from eairl_jax.rl import RLState
-from eairl_jax.types import Algorithm, Demonstrations, Env, HParams, Key
+from eairl_jax.rl import RLState, make_rl
+from eairl_jax.types import Algorithm, Demonstrations, Env, HParams
 
 
 def make_bc(env: Env, config: Config) -> Algorithm:
@@ -23,11 +23,6 @@ def make_bc(env: Env, config: Config) -> Algorithm:
       InputError: for an environment without flat observations.
     """
     optimizer = make_optimizer(flat_size(env), env.action_size, config)
-
-    def init(key: Key, hparams: HParams) -> RLState:
-        del hparams  # no rate is part of the state
-        key, actor_key = jax.random.split(key)
-        return RLState(key, actor.init(actor_key, env, optimizer, config))
 
     def step(state: RLState, hparams: HParams, demos: Demonstrations):
         hparams = hparams.at(state.actor.iteration / config.iterations)
@@ -45,7 +40,5 @@ def make_bc(env: Env, config: Config) -> Algorithm:
         metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": jnp.zeros(())}
         return RLState(key, actor.finish(acting, policy.replace(nets=nets), raw, config)), metrics
 
-    def act(state: RLState, obs, key=None):
-        return actor.sample(state.actor, obs, key, optimizer)
-
-    return Algorithm(init, step, act)
+    # It begins and acts as any policy in training does; what it learns from is all that differs.
+    return make_rl(env, config)._replace(step=step)

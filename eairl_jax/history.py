@@ -29,18 +29,13 @@ class History:
 
 def empty(obs_size: int, action_size: int, config: Config) -> History:
     """A ring for the current iteration and the `history_length` before it, or for the pool that `paths` names."""
-    slots = config.history_length + 1
+    slots, envs = config.history_length + 1, config.num_envs
     if config.history == "paths":
-        slots = max(1, -(-POOL_PATHS // pooled_envs(config)))
-    envs = pooled_envs(config) if config.history == "paths" else config.num_envs
+        envs = max(1, config.num_envs // 2)  # half of each batch
+        slots = -(-POOL_PATHS // envs)
     leading = (slots, config.rollout_length, envs)
     tails = Transition((obs_size,), (action_size,), (), (obs_size,), (), (), ())
     return History(Transition(*(jnp.zeros(leading + tail) for tail in tails)), jnp.zeros((), jnp.int32))
-
-
-def pooled_envs(config: Config) -> int:
-    """How many environments of a batch the pool of the release keeps: half."""
-    return max(1, config.num_envs // 2)
 
 
 def add(history: History, transition: Transition) -> History:

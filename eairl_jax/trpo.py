@@ -71,8 +71,7 @@ def trpo(obs_size: int, action_size: int, config: Config) -> PolicyOptimizer:
     def update(key, policy: PolicyState, batch, penalty, penalty_data, hparams):
         policy, prepared, explained = nets.prepare(policy, batch, penalty_data, hparams)
         samples, rows = minibatches(key, prepared, config)
-        params, fitted = policy.nets.params, policy.nets
-        theta, unravel = ravel_pytree(params["actor"])
+        theta, unravel = ravel_pytree(policy.nets.params["actor"])
 
         def pi(theta):
             return nets.pi(unravel(theta), policy.log_std_offset, samples.obs)
@@ -108,20 +107,15 @@ def trpo(obs_size: int, action_size: int, config: Config) -> PolicyOptimizer:
             loss = 0.5 * jnp.mean(error**2)
             return loss, {"value_loss": loss}
 
-        def value_step(fitted, index):
-            gradient, metrics = jax.grad(value_loss, has_aux=True)(
-                fitted.params, jax.tree.map(lambda x: x[index], samples)
-            )
-            return optimize.descend(fitted, gradient, hparams.policy_lr), metrics
-
         # The actor has no gradient here, hence no Adam step; it moves by the natural gradient alone.
-        fitted, metrics = jax.lax.scan(value_step, fitted, rows)
+        drawn = jax.tree.map(lambda x: x[rows], samples)
+        fitted, metrics = optimize.fit(policy.nets, value_loss, drawn, hparams.policy_lr)
         moved = fitted.params | {"actor": unravel(reached)}
         fitted = fitted.replace(params=moved)  # pyright: ignore
         policy = policy.replace(nets=fitted, log_std_offset=jnp.log(hparams.std_end))  # pyright: ignore
         return policy, {
             "policy_loss": policy_loss(pi(reached).log_prob(samples.action)),
-            "value_loss": metrics["value_loss"].mean(),
+            "value_loss": metrics["value_loss"],
             "entropy": old.entropy().mean(),
             "kl": kl,
             "explained_variance": explained,

@@ -12,7 +12,7 @@ from eairl_jax.config import choose
 from eairl_jax.types import HParams
 from experiments.folder import Folder
 from experiments.imitate import Job, learn, prepare, warn_if_saturated
-from experiments.settings import SETTINGS, parse_overrides
+from experiments.settings import SETTINGS, parse_overrides, recipe
 from experiments.summary import Row, plot_sweep, print_table, summarize
 from experiments.training import default_out, final_returns, say
 
@@ -27,8 +27,9 @@ def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: 
     if len(jobs) != 1:
         raise InputError(f"a sweep is of one method and reward form, these are {len(jobs)}: run one sweep for each")
     job, points = jobs[0], [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
+    given = {"method": methods[0], "reward_form": forms[0]} | parse_overrides(fixed)
     for point in points:
-        prepare(task, methods, forms, seeds, demos, "imitate", (*fixed, *(f"{k}={v}" for k, v in point.items())))
+        recipe(task, job.env, "imitate", given | point)  # an impossible point is refused before any is trained
     where = out or default_out(f"sweep-{task}-{job.row}-{'-'.join(grid)}")
     summary = sweep(job, points, where, line)
     rows = [Row("expert", np.array([job.reference.expert]), None, 1.0)]
@@ -74,11 +75,8 @@ def sweep(job: Job, points: list[dict[str, float]], out: Path, command: str) -> 
     summary = folder.summary()
     if summary is None:
         algorithm, state = learn(folder, job, points)
-        returns = (
-            final_returns(job.env, algorithm, state, list(job.seeds) * len(points))
-            .mean(axis=1)
-            .reshape(len(points), len(job.seeds))
-        )
+        by_lane = final_returns(job.env, algorithm, state, list(job.seeds) * len(points)).mean(axis=1)
+        returns = by_lane.reshape(len(points), len(job.seeds))
         config = job.recipe.config
         steps = config.iterations * config.steps_per_iteration
         rows = [

@@ -31,15 +31,25 @@ def transfer(job: Job, rule: Rule, source: Target, target: Target, out: Path, co
     folder = Folder(out / f"transfer-{job.task}-to-{target.task}-{job.row}-{rule}", settings)
     summary = folder.summary()
     if summary is None:
-        algorithm, state = imitate.learn(learning, job)
+        learned = learn(learning, job)
         reward, seen = choose_reward(folder, learning, job, rule, source)
         save_reward(folder.path / "reward", reward)
-        more = {"row": job.row, "is_published": job.is_published, "rule": str(rule)} | seen
-        more["imitation_returns"] = final_returns(job.env, algorithm, state, job.seeds).mean(axis=1).tolist()
+        more = {"row": job.row, "is_published": job.is_published, "rule": str(rule)} | seen | learned
         curves = imitate.imitation_curves(learning, job)[:3]
         summary = reuse(folder, reward, target, job.seeds, command, job.row, curves, learning.seconds(), more)
     say(f"{job.row}, {rule}: in {folder.path}/; the reward was learned in {learning.path}/")
     imitate.warn_if_saturated(learning, job)
+    return summary
+
+
+def learn(folder: Folder, job: Job) -> dict:
+    """Learns the rewards that rows share, once; returns how well their policies imitate in the source."""
+    summary = folder.summary()
+    if summary is None:
+        algorithm, state = imitate.learn(folder, job)
+        returns = final_returns(job.env, algorithm, state, job.seeds).mean(axis=1)
+        summary = {"imitation_returns": returns.tolist()}
+        folder.finish(summary)
     return summary
 
 
@@ -88,9 +98,9 @@ def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str
         for job in jobs:
             if not job.has_reward:
                 raise InputError(f"{job.row} learns no reward to transfer: choose one of {', '.join(METHODS)}")
-        rows = [(job, Rule.parse(rule, job.recipe)) for job in jobs for rule in rules]
+        pairs = [(job, Rule.parse(rule, job.recipe)) for job in jobs for rule in rules]
         back_home = as_target(source, source_env, retrain_assignments)
-        summaries = [transfer(job, rule, back_home, put_to_use, out or RUNS, line) for job, rule in rows]
+        summaries = [transfer(job, rule, back_home, put_to_use, out or RUNS, line) for job, rule in pairs]
     known, best = put_to_use.reference, np.array(summaries[0]["ceiling"])
     rows = [
         Row("expert", np.array([known.expert]), paper.row(paper.TRANSFER, target, "expert"), 1.0),
