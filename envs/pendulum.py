@@ -70,7 +70,7 @@ class Pendulum(MjxTask):
         angle, speed = physics.qpos[0], physics.qvel[0]
         return jnp.stack([jnp.cos(angle), jnp.sin(angle), speed])
 
-    def reward(self, physics, action):
+    def reward(self, physics, action, after):
         angle, speed = wrap_angle(physics.qpos[0]), physics.qvel[0]
         return -(angle**2 + 0.1 * speed**2 + 0.001 * action[0] ** 2)
 
