@@ -43,8 +43,8 @@ class Rows(NamedTuple):
 class Floor:
     """The points of a model that can touch its floor, and its joint limits.
 
-    The model is one tree of bodies over one horizontal plane at height 0; spheres and capsules touch it, pyramids
-    approximate friction cones. A capsule touches at the two spheres of its ends.
+    The model is one tree of bodies over one horizontal plane at height 0. Spheres and capsules touch it, a capsule at
+    the two spheres of its ends; pyramids approximate friction cones; all contacts are equally soft, as are all limits.
 
     Args:
       model: the model.
@@ -69,7 +69,7 @@ class Floor:
         self.margin = model.geom_margin[self.geom] + model.geom_margin[plane]
         # What a chosen point takes with it: the joints that move it, its friction, its inverse weight.
         self.table = np.concatenate([_movers(model)[body], friction[:, None], weight[:, None]], 1)
-        self.solref, self.solimp = model.geom_solref[plane], model.geom_solimp[plane]
+        self.softness = _shared(model.geom_solref[touching], model.geom_solimp[touching])
 
     def rows(self, data: mjx.Data) -> Rows:
         """The constraints at the positions and velocities of `data`, after `mjx.com_pos`."""
@@ -101,7 +101,7 @@ class Floor:
         second = friction[:, None] * (along_x * y - along_y * x)
         jacobian = jnp.concatenate([normal + first, normal - first, normal + second, normal - second])
 
-        stiffness, spring, damping = _soft(self.solref, self.solimp, depth, weight, self.model.opt.timestep)
+        stiffness, spring, damping = _soft(*self.softness, depth, weight, self.model.opt.timestep)
         stiffness, spring = jnp.tile(stiffness * (depth < 0), 4), jnp.tile(spring, 4)
         return Rows(jacobian, stiffness, -damping * (jacobian @ data.qvel) - spring, *limits)
 
@@ -115,9 +115,8 @@ class Floor:
         below, above = q - low, high - q
         sign = jnp.where(below < above, 1.0, -1.0)
         depth = jnp.minimum(below, above) - model.jnt_margin[joint]
-        solref, solimp = model.jnt_solref[joint[0]], model.jnt_solimp[joint[0]]
-        weight = model.dof_invweight0[dof]
-        stiffness, spring, damping = _soft(solref, solimp, depth, weight, model.opt.timestep)
+        softness = _shared(model.jnt_solref[joint], model.jnt_solimp[joint])
+        stiffness, spring, damping = _soft(*softness, depth, model.dof_invweight0[dof], model.opt.timestep)
         reference = -damping * sign * data.qvel[dof] - spring
         spread = jnp.zeros((3, nv)).at[:, dof].set(jnp.stack([sign, stiffness * (depth < 0), reference]))
         return spread[0], spread[1], spread[2]
@@ -183,6 +182,15 @@ def _movers(model: mujoco.MjModel) -> np.ndarray:
         first = model.body_dofadr[body]
         movers[body, first : first + model.body_dofnum[body]] = 1
     return movers
+
+
+def _shared(solref: np.ndarray, solimp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The one softness of many constraints: `(solref [2], solimp [5])`."""
+    if np.ptp(solref, axis=0).any() or np.ptp(solimp, axis=0).any() or not np.allclose(solimp[0, 3:], (0.5, 2)):
+        raise ValueError(
+            "Floor expects one solref and one solimp, of midpoint 0.5 and power 2, for all its constraints"
+        )
+    return solref[0], solimp[0]
 
 
 def _soft(
