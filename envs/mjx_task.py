@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,9 @@ from flax import struct
 with contextlib.redirect_stdout(io.StringIO()):  # both print about an optional package that we do not use
     from brax.envs.base import Env, State
     from mujoco import mjx
+
+if TYPE_CHECKING:
+    from envs.referee import Referee
 
 
 @struct.dataclass
@@ -30,11 +34,15 @@ class Physics:
     qacc_warmstart: jax.Array
 
 
+class TaskError(ValueError):
+    """Raised for a task that cannot be made as asked; the message says what can be."""
+
+
 class MjxTask(Env):
     """A brax environment over one MuJoCo model that never ends before its time limit.
 
     A task gives a model and three functions: `initial` draws the first physics state, `observe` reads a
-    physics state, `reward` scores the state *before* the step and the action executed in it.
+    physics state, `reward` scores the action executed in one physics state that led to another.
 
     Attributes:
       model: the `mujoco.MjModel`, for the C engine and for viewers.
@@ -62,8 +70,8 @@ class MjxTask(Env):
         """Reads the observation `[obs]` of a physics state."""
         raise NotImplementedError
 
-    def reward(self, physics: Physics, action: jax.Array) -> jax.Array:
-        """Scores a state and the (clipped) action `[act]` about to be executed in it; a scalar."""
+    def reward(self, physics: Physics, action: jax.Array, after: Physics) -> jax.Array:
+        """Scores the (clipped) action `[act]` executed in `physics`, a step before `after`; a scalar."""
         raise NotImplementedError
 
     def substep(self, physics: Physics, ctrl: jax.Array) -> Physics:
@@ -74,6 +82,12 @@ class MjxTask(Env):
         data = mjx.step(self._mjx_model, data)
         return Physics(data.qpos, data.qvel, data.qacc_warmstart)
 
+    def referee(self) -> Referee:
+        """One environment of this task in the C engine, with every iteration that its solver needs."""
+        from envs.referee import ModelReferee  # which builds on this module
+
+        return ModelReferee(self)
+
     def reset(self, rng: jax.Array) -> State:
         """Starts an episode. No physics is computed, so a reset costs next to nothing inside a rollout."""
         qpos, qvel = self.initial(rng)
@@ -82,16 +96,15 @@ class MjxTask(Env):
         return State(pipeline_state=physics, obs=self.observe(physics), reward=zero, done=zero)  # pyright: ignore
 
     def step(self, state: State, action: jax.Array) -> State:
-        """Clips the action, scores it, and advances `frame_skip` physics steps."""
+        """Clips the action, advances `frame_skip` physics steps and scores them."""
         action = jnp.clip(action, -self.action_limit, self.action_limit)
-        reward = self.reward(state.pipeline_state, action)  # pyright: ignore
+        before: Physics = state.pipeline_state  # pyright: ignore
         # A scan, not an unrolled loop: the physics is compiled once instead of frame_skip times.
-        physics, _ = jax.lax.scan(
-            lambda physics, _: (self.substep(physics, action), None),
-            state.pipeline_state,
-            length=self.frame_skip,
+        after, _ = jax.lax.scan(
+            lambda physics, _: (self.substep(physics, action), None), before, length=self.frame_skip
         )
-        return state.replace(pipeline_state=physics, obs=self.observe(physics), reward=reward)  # pyright: ignore
+        reward = self.reward(before, action, after)
+        return state.replace(pipeline_state=after, obs=self.observe(after), reward=reward)  # pyright: ignore
 
     @property
     def observation_size(self) -> int:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mujoco
 
 from envs.mjx_task import MjxTask, Physics
+from envs.referee import PendulumReferee
 
 MAX_SPEED = 8.0  # rad/s
 
@@ -70,9 +71,12 @@ class Pendulum(MjxTask):
         angle, speed = physics.qpos[0], physics.qvel[0]
         return jnp.stack([jnp.cos(angle), jnp.sin(angle), speed])
 
-    def reward(self, physics, action):
+    def reward(self, physics, action, after):
         angle, speed = wrap_angle(physics.qpos[0]), physics.qvel[0]
         return -(angle**2 + 0.1 * speed**2 + 0.001 * action[0] ** 2)
+
+    def referee(self):
+        return PendulumReferee()
 
     def substep(self, physics, ctrl):
         # Gymnasium clips the speed after integrating it and before integrating the angle with it.

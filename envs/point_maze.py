@@ -91,7 +91,7 @@ class PointMaze(MjxTask):
     def observe(self, physics):
         return physics.qpos
 
-    def reward(self, physics, action):
+    def reward(self, physics, action, after):
         to_goal = physics.qpos - jnp.array(GOAL)
         # The smooth norm keeps the gradient finite at the goal itself.
         distance = jnp.sqrt(jnp.sum(to_goal**2) + 1e-12)

@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 from collections.abc import Callable
 from functools import partial
 from types import MappingProxyType
 
-from envs.mjx_task import MjxTask
+from envs.ant import Ant
+from envs.half_cheetah import HalfCheetah
+from envs.mjx_task import MjxTask, TaskError
 from envs.pendulum import Pendulum
 from envs.point_maze import PointMaze
+from envs.swimmer import Swimmer
 
 TASKS: MappingProxyType[str, Callable[..., MjxTask]] = MappingProxyType(
     {
         "pendulum": Pendulum,
         "point_maze_left": partial(PointMaze, passage="left"),
         "point_maze_right": partial(PointMaze, passage="right"),
+        "ant": Ant,
+        "crippled_ant": partial(Ant, crippled=("back_leg", "right_back_leg")),
+        "half_cheetah": HalfCheetah,
+        "swimmer": Swimmer,
     }
 )
 
 
-class UnknownTask(ValueError):
+class UnknownTask(TaskError):
     """Raised for a name that is not in `TASKS`; the message gives the nearest ones."""
 
 
@@ -29,12 +37,17 @@ def make(name: str, **settings) -> MjxTask:
 
     Args:
       name: a key of `TASKS`.
-      **settings: passed to the task (for example `solver_iterations=100`).
+      **settings: passed to the task (for example `fidelity="exact"`).
 
     Raises:
       UnknownTask: if there is no such task.
+      TaskError: if the task has no such setting, or cannot have that value.
     """
     if name not in TASKS:
         nearest = difflib.get_close_matches(name, TASKS, n=3, cutoff=0.3) or list(TASKS)
         raise UnknownTask(f"unknown task {name!r}; did you mean {', '.join(nearest)}? All tasks: {', '.join(TASKS)}")
+    known = inspect.signature(TASKS[name]).parameters
+    unknown = set(settings) - set(known)
+    if unknown:
+        raise TaskError(f"{name}: no such setting: {', '.join(sorted(unknown))}; it has {', '.join(known) or 'none'}")
     return TASKS[name](**settings)

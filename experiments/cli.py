@@ -194,6 +194,28 @@ class Transfer:
 
 
 @dataclass
+class Evaluate:
+    """Score the policies of a finished run on fresh episodes: an expert's, an imitation's or a transfer's.
+
+    `--engine c` also runs them in the C engine, through Gymnasium's environments where there are such, with every
+    contact and all iterations of its solver: what the policy is worth outside of our fast physics.
+    """
+
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a finished run.")]
+    engine: Annotated[Literal["mjx", "c"], arg(help="mjx alone, or c beside it.")] = "mjx"
+    episodes: int = 20
+    """Episodes a seed."""
+    mean_action: bool = False
+    """Take the policy's mean action instead of sampling."""
+    json: Annotated[Path | None, arg(metavar="FILE", help="Write every episode's return here as well.")] = None
+
+    def run(self, line: str) -> None:
+        from experiments import evaluate
+
+        evaluate.command(self.run_folder, self.engine, self.episodes, self.mean_action, self.json, line)
+
+
+@dataclass
 class Bench:
     """Measure a whole iteration beside the simulation in it, its stages, five seeds beside one, and compiling."""
 
@@ -218,6 +240,7 @@ Command = (
     | Annotated[Imitate, subcommand("imitate")]
     | Annotated[Sweep, subcommand("sweep")]
     | Annotated[Transfer, subcommand("transfer")]
+    | Annotated[Evaluate, subcommand("evaluate")]
     | Annotated[Bench, subcommand("bench")]
 )
 

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from eairl_jax import Demonstrations, InputError, demonstrations, evaluate
-from experiments.expert import load_expert
 from experiments.folder import machine
+from experiments.policies import best_expert
 from experiments.reference import SCORE_EPISODES, random_return
 from experiments.settings import make_env
 from experiments.training import console, default_out, final_returns
@@ -20,13 +20,12 @@ DEMO_SEED = 30_000
 
 def command(task: str, expert: Path | None, episodes: int, seed: int, out: Path | None, line: str) -> None:
     """Collects whole episodes of the sampled expert and writes them with their provenance."""
-    env = make_env(task)
     if episodes < 1:
         raise InputError(f"--episodes {episodes}: expected at least 1")
-    source = expert or default_out(f"expert-{task}")
-    algorithm, state, settings = load_expert(source, task, env)
-    lane = jax.tree.map(lambda leaf: leaf[None], state)
-    sampled, mean = (final_returns(env, algorithm, lane, [seed], SCORE_EPISODES, sampled=s) for s in (True, False))
+    make_env(task)
+    best = best_expert(expert or default_out(f"expert-{task}"), task)
+    env, algorithm = best.env, best.algorithm
+    sampled, mean = (final_returns(env, algorithm, best.state, [seed], SCORE_EPISODES, s) for s in (True, False))
     scores = {
         "expert_return": float(sampled.mean()),
         "expert_return_mean_action": float(mean.mean()),
@@ -34,7 +33,7 @@ def command(task: str, expert: Path | None, episodes: int, seed: int, out: Path 
     }
 
     def act(obs, key):
-        return algorithm.act(jax.tree.map(jnp.asarray, state), obs, key)
+        return algorithm.act(jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), best.state), obs, key)
 
     collect = jax.jit(lambda key: evaluate(key, env, act, episodes, env.episode_length)[1])
     demos = Demonstrations(**jax.tree.map(np.asarray, collect(jax.random.PRNGKey(DEMO_SEED + seed))))
@@ -49,7 +48,7 @@ def command(task: str, expert: Path | None, episodes: int, seed: int, out: Path 
         "returns": [float(r) for r in returns],
         **scores,
         "score_episodes": SCORE_EPISODES,
-        "expert": settings,
+        "expert": best.settings,
         "machine": machine(),
     }
     demonstrations.save(path, demos, provenance)

@@ -5,13 +5,9 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-import jax
 import numpy as np
 
-from eairl_jax import Algorithm, Checkpoints, Config, HParams, InputError, Lanes, make_rl
-from eairl_jax.artefact import read_json
-from eairl_jax.types import PyTree
-from envs.mjx_task import MjxTask
+from eairl_jax import InputError, Lanes, make_rl
 from experiments import paper
 from experiments.algorithms import refuse_meaningless
 from experiments.folder import Folder
@@ -64,27 +60,3 @@ def command(task: str, seeds: int, out: Path | None, assignments: tuple[str, ...
     ]
     print_table(f"Experts of {task} after {summary['env_steps']:,} environment steps", rows)
     say(f"in {folder.path}/; collect demonstrations with `eairl demos {task}`")
-
-
-def load_expert(path: Path, task: str, env: MjxTask) -> tuple[Algorithm, PyTree, dict]:
-    """The best seed of a finished expert run, by the training returns of its last tenth.
-
-    Returns:
-      The algorithm, the seed's state, and what to say of it.
-
-    Raises:
-      InputError: if there is no finished expert of the task in `path`.
-    """
-    if not (path / "summary.json").is_file():
-        raise InputError(f"{path} holds no finished expert: train one with `eairl expert {task}`")
-    settings = read_json(path / "config.json")["settings"]
-    if settings["task"] != task:
-        raise InputError(f"{path} holds an expert of {settings['task']}, not of {task}")
-    config = Config.from_json(settings["config"])
-    algorithm = make_rl(env, config)
-    lanes = Lanes(algorithm, lane_keys(LEARN, range(settings["seeds"])), HParams(**settings["hparams"]))
-    state = Checkpoints(path / "checkpoints").restore(config.iterations, lanes.take(lanes.init()))
-    curve = Folder(path, settings).curve("true_return", settings["seeds"])
-    best = int(np.argmax(curve[:, -max(1, config.iterations // 10) :].mean(axis=1)))
-    said = settings | {"chosen_seed": best, "chosen_by": "training return of the last tenth"}
-    return algorithm, jax.tree.map(lambda leaf: leaf[best], state), said

@@ -86,10 +86,15 @@ def score(
     labels = [{"restart": restart, "seed": seed} for restart in range(target.restarts) for seed in seeds]
     params = jax.tree.map(lambda leaf: np.concatenate([leaf] * target.restarts), reward.params) if reward else ()
     algorithm, state = retrain(folder, title, target, reward, params, labels, RETRAIN)
-    by_reward = tail(folder.curve("policy_reward", len(labels))).reshape(target.restarts, len(seeds))
-    kept = by_reward.argmax(axis=0) * len(seeds) + np.arange(len(seeds))
+    kept = best_restarts(folder, target.restarts, len(seeds))
     returns = final_returns(target.env, algorithm, take_rows(state, kept), seeds).mean(axis=1)
     return folder.curve("true_return", len(labels))[kept], returns
+
+
+def best_restarts(folder: Folder, restarts: int, seeds: int) -> np.ndarray:
+    """Lanes `[seeds]` of the policies that their own reward rates best at the end."""
+    by_reward = tail(folder.curve("policy_reward", restarts * seeds)).reshape(restarts, seeds)
+    return by_reward.argmax(axis=0) * seeds + np.arange(seeds)
 
 
 def tail(curves: np.ndarray) -> np.ndarray:

@@ -54,6 +54,18 @@ MAZE = {
     "reward separable": dict(lambda_i=0.01, entropy_weight=0.001),
 }
 
+# First guesses, one seed each: the cheetah returned 2,380 after 960k steps, the ant 464 and still rising.
+WALKER = {
+    "all": dict(num_envs=64, rollout_length=50),
+    "expert": dict(policy_lr=1e-3, iterations=1000),
+}
+ANT = WALKER | {"expert": dict(policy_lr=1e-3, iterations=3000, snapshot_every=100)}
+# A swimmer that looks 100 steps ahead (gamma 0.99) stops at 35: what a stroke wins comes back much later.
+SWIMMER = {
+    "all": dict(num_envs=32, rollout_length=250, ppo_minibatches=16, gamma=0.9999, gae_lambda=0.98),
+    "expert": dict(policy_lr=1e-3, ppo_minibatches=16),
+}
+
 # One iteration of a maze is 32 whole episodes, of the pendulum the paper's 2,000 steps.
 RECIPES: dict[str, dict[str, dict[str, Any]]] = {
     "pendulum": {
@@ -62,6 +74,10 @@ RECIPES: dict[str, dict[str, dict[str, Any]]] = {
     },
     "point_maze_left": MAZE,
     "point_maze_right": MAZE,
+    "ant": ANT,
+    "crippled_ant": ANT,
+    "half_cheetah": WALKER,
+    "swimmer": SWIMMER,
 }
 
 
@@ -142,9 +158,9 @@ def make_env(task: str) -> MjxTask:
     """`envs.make`, its complaint turned into the one error that commands report.
 
     Raises:
-      InputError: for an unknown task.
+      InputError: for an unknown task, or one that cannot be made.
     """
     try:
         return envs.make(task)
-    except envs.UnknownTask as e:
+    except envs.TaskError as e:
         raise InputError(str(e)) from None

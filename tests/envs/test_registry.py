@@ -4,11 +4,14 @@ import pytest
 
 import envs
 
+SIZES = {"pendulum": (3, 1), "point_maze_left": (2, 2), "point_maze_right": (2, 2), "ant": (27, 8),
+         "crippled_ant": (27, 8), "half_cheetah": (17, 6), "swimmer": (8, 2)}  # fmt: skip
+
 
 @pytest.mark.parametrize("name", envs.TASKS)
 def test_every_task_can_be_made_by_name(name):
     env = envs.make(name)
-    assert (env.observation_size, env.action_size) == {"pendulum": (3, 1)}.get(name, (2, 2))
+    assert (env.observation_size, env.action_size) == SIZES[name]
 
 
 @pytest.mark.parametrize(
@@ -24,6 +27,12 @@ def test_an_unknown_name_is_answered_with_the_nearest(name, nearest):
 def test_settings_reach_the_task():
     assert envs.make("point_maze_left", solver_iterations=7).model.opt.iterations == 7
     assert envs.make("point_maze_left").model.opt.iterations != 7
+
+
+@pytest.mark.parametrize(("name", "known"), [("ant", "crippled, length, gear, fidelity"), ("pendulum", "none")])
+def test_an_unknown_setting_is_answered_with_the_known(name, known):
+    with pytest.raises(envs.TaskError, match=f"{name}: no such setting: colour; it has {known}"):
+        envs.make(name, colour="red")
 
 
 def test_the_table_cannot_be_changed_by_accident():
