@@ -13,33 +13,24 @@ import numpy as np
 import pytest
 
 import envs
-from envs.ant import ant_spec, cripple
 from envs.mjx_task import Physics
 
 STEPS, EPISODE = 400, 40
 TASKS = ("ant", "crippled_ant", "half_cheetah", "swimmer")
-# Gymnasium's ant pays for being alive and ends when it is not; with these options it pays 1 while above 0.2 m.
-ANT = dict(ctrl_cost_weight=0.01, contact_cost_weight=0.0, healthy_reward=1.0, healthy_z_range=(0.2, np.inf),
-           terminate_when_unhealthy=False, include_cfrc_ext_in_observation=False)  # fmt: skip
 
 
-def gymnasiums(task, path):
+def gymnasiums(task, folder):
     """Gymnasium's environment of a task: with its own model, or for the ants (whose motors differ) with ours."""
     if "ant" not in task:
-        with contextlib.chdir(path.parent):  # mujoco 4 logs there that the cheetah's model is of an old style
+        with contextlib.chdir(folder):  # mujoco 4 logs there that the cheetah's model is of an old style
             return gymnasium.make({"half_cheetah": "HalfCheetah-v5", "swimmer": "Swimmer-v5"}[task]).unwrapped
-    spec = ant_spec()
-    for leg in ("back_leg", "right_back_leg") if task == "crippled_ant" else ():
-        cripple(spec, leg, 0.5, 1.0)
-    spec.compile()
-    path.write_text(spec.to_xml(), encoding="utf-8")
-    return gymnasium.make("Ant-v5", xml_file=str(path), **ANT).unwrapped
+    return envs.make(task, fidelity="exact").referee()._env
 
 
 @pytest.fixture(scope="module", params=TASKS)
 def played(request, tmp_path_factory):
     """Episodes of random actions in Gymnasium's environment, every fourth from any orientation or angle."""
-    env = gymnasiums(request.param, tmp_path_factory.mktemp("mjcf") / "ant.xml")
+    env = gymnasiums(request.param, tmp_path_factory.mktemp("log"))
     rng, run = np.random.default_rng(0), []
     for t in range(STEPS):
         if t % EPISODE == 0:
@@ -110,7 +101,7 @@ def test_fast_steps_are_the_c_engines_on_the_same_model(played):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_models_are_gymnasiums_but_for_the_ants_motors(task, tmp_path):
-    theirs = gymnasiums(task, tmp_path / "ant.xml").model
+    theirs = gymnasiums(task, tmp_path).model
     if task == "ant":
         theirs = mujoco.MjModel.from_xml_path(str(Path(gymnasium.__file__).parent / "envs/mujoco/assets/ant.xml"))
     ours = envs.make(task, fidelity="exact").model

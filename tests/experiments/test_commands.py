@@ -270,6 +270,12 @@ def test_transfer_uses_the_source_alone_to_choose(tmp_path, tiny):
         obs, action = np.array([0.1, 0.2]), np.array([0.3, -0.4])
         assert reward(obs, action, seed) == snapshot(obs, action, seed)
     assert len(summary["ceiling"]) == 2
+    # The policies that were kept of the restarts can be scored again, also by the C engine.
+    figures = tmp_path / "figures.json"
+    assert run("evaluate", folder, "--engine", "c", "--episodes", 2, "--json", figures) == 0
+    returns = json.loads(figures.read_text())["returns"]
+    np.testing.assert_allclose(np.mean(returns["MJX"], axis=1), summary["returns"], rtol=1e-5)
+    np.testing.assert_allclose(returns["C engine"], returns["MJX"], rtol=0.02)
     # And the artefact can be put to use again.
     again = ["transfer", "point_maze_left", "point_maze_right", "--reward", folder / "reward"]
     assert run(*again, "--out", tmp_path / "again", "--retrain-set", *rl_settings(tiny)) == 0
@@ -278,7 +284,7 @@ def test_transfer_uses_the_source_alone_to_choose(tmp_path, tiny):
     assert reused["returns"] == summary["returns"]
 
 
-def test_expert_and_demos_make_what_imitate_reads(tmp_path, tiny):
+def test_expert_and_demos_make_what_imitate_reads(tmp_path, tiny, capsys):
     assert run("expert", "pendulum", "--seeds", 2, "--out", tmp_path / "expert", "--set", *rl_settings(tiny)) == 0
     path = tmp_path / "pendulum.npz"
     assert run("demos", "pendulum", "--expert", tmp_path / "expert", "--episodes", 3, "--out", path) == 0
@@ -289,7 +295,16 @@ def test_expert_and_demos_make_what_imitate_reads(tmp_path, tiny):
     assert provenance["expert"]["chosen_seed"] in (0, 1)
     arguments = ["imitate", "pendulum", "--seeds", 2, "--demos", path, "--out", tmp_path / "run", "--set", *tiny]
     assert run(*arguments) == 0
-    assert json.loads((tmp_path / "run" / "summary.json").read_text())["expert"] == provenance["expert_return"]
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["expert"] == provenance["expert_return"]
+    figures = tmp_path / "figures.json"
+    assert run("evaluate", tmp_path / "run", "--episodes", 2, "--json", figures) == 0
+    returns = json.loads(figures.read_text())["returns"]
+    assert list(returns) == ["MJX"]
+    np.testing.assert_allclose(np.mean(returns["MJX"], axis=1), summary["returns"], rtol=1e-5)
+    # An imitator is no expert.
+    assert run("demos", "pendulum", "--expert", tmp_path / "run", "--out", tmp_path / "no.npz") == 2
+    assert "no expert of pendulum" in capsys.readouterr().err
 
 
 def test_nan_stops_the_run_and_keeps_the_last_good_checkpoint(tmp_path, tiny, monkeypatch, capsys):
@@ -352,6 +367,8 @@ REFUSED = {
     "clipped cloning": (["imitate", "pendulum", "--method", "bc", "--set", "clip_eps=0.1"], "clip_eps"),
     "no experts": (["expert", "pendulum", "--seeds", "0"], "at least 1"),
     "bench of bc": (["bench", "pendulum", "--method", "bc"], "not adversarial"),
+    "evaluation of nothing": (["evaluate", "nowhere"], "no run's folder"),
+    "one episode": (["evaluate", "nowhere", "--episodes", "1"], "at least 2"),
     "missing demonstrations": (["imitate", "pendulum", "--demos", "nowhere.npz"], "is not there"),
 }
 
