@@ -54,13 +54,14 @@ MAZE = {
     "reward separable": dict(lambda_i=0.01, entropy_weight=0.001),
 }
 
-# First guesses, one seed each: the cheetah returned 2,380 after 960k steps, the ant 464 and still rising.
+# An entropy weight of 0.01 keeps the ant's std at 0.7 for millions of steps; without any it settles too early.
 WALKER = {
     "all": dict(num_envs=64, rollout_length=50),
-    "expert": dict(policy_lr=1e-3, iterations=1000),
-}
-ANT = WALKER | {"expert": dict(policy_lr=1e-3, iterations=3000, snapshot_every=100)}
-# A swimmer that looks 100 steps ahead (gamma 0.99) stops at 35: what a stroke wins comes back much later.
+    "expert": dict(policy_lr=1.5e-3, gamma=0.995, entropy_weight=0.002, policy_hidden=(64, 64), iterations=600,
+                   snapshot_every=50),
+}  # fmt: skip
+ANT = WALKER | {"expert": WALKER["expert"] | dict(iterations=3000, snapshot_every=100)}
+# A swimmer that looks 1000 steps ahead (gamma 0.999) stops at 35: what a stroke wins comes back much later.
 SWIMMER = {
     "all": dict(num_envs=32, rollout_length=250, ppo_minibatches=16, gamma=0.9999, gae_lambda=0.98),
     "expert": dict(policy_lr=1e-3, ppo_minibatches=16),
