@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import mujoco
 
 from envs.locomotion import Locomotion
-from envs.mjx_task import TaskError
+from envs.mjx_task import Camera, TaskError
 
 # Gymnasium's names, and the quarter of the plane (signs of x and y) in which each leg stands. Joints `hip_1` and
 # `ankle_1` are the first leg's.
@@ -157,6 +157,7 @@ class Ant(Locomotion):
     """
 
     first_observed = 2
+    camera = Camera(90, -20, 4, follows=True)
     control_cost = 0.01
     # Gymnasium pays for being alive and ends when the ant is not; so it pays 1 while above 0.2 m, and never ends.
     gymnasium = (

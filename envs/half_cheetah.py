@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mujoco
 
 from envs.locomotion import Locomotion
+from envs.mjx_task import Camera
 
 # 14 kg in all: Gymnasium's `settotalmass`, which mujoco 4 deprecates, turned into a density (kg/m^3).
 MJCF = """
@@ -115,6 +116,7 @@ class HalfCheetah(Locomotion):
     """
 
     first_observed = 1
+    camera = Camera(90, -10, 3.5, follows=True)
     control_cost = 0.1
     gymnasium = ("HalfCheetah-v5", {})
     obs_mean = (0.0,) * 17

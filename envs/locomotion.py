@@ -76,9 +76,8 @@ class Locomotion(MjxTask):
         if self.fidelity.euler:
             spec.option.integrator = EULER
             spec.compiler.fusestatic = True  # the same masses in fewer bodies
-        model = spec.compile()
-        self._spec = spec
-        super().__init__(model, frame_skip)
+        super().__init__(spec, frame_skip)
+        model = self.model
         self._floor = Floor(model, self.fidelity.contacts)
         self._floating = model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
         self._damping = np.diag(model.opt.timestep * model.dof_damping)
@@ -87,7 +86,7 @@ class Locomotion(MjxTask):
 
     def referee(self):
         name, settings = self.gymnasium
-        return GymnasiumReferee(name, self._spec, frame_skip=self.frame_skip, **settings)
+        return GymnasiumReferee(name, self.spec, frame_skip=self.frame_skip, **settings)
 
     def observe(self, physics):
         return jnp.concatenate([physics.qpos[self.first_observed :], physics.qvel])

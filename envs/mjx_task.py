@@ -4,19 +4,42 @@ from __future__ import annotations
 
 import contextlib
 import io
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import mujoco
+import numpy as np
 from flax import struct
 
 with contextlib.redirect_stdout(io.StringIO()):  # both print about an optional package that we do not use
     from brax.envs.base import Env, State
     from mujoco import mjx
 
+from envs.visuals import dress
+
 if TYPE_CHECKING:
     from envs.referee import Referee
+
+
+class Camera(NamedTuple):
+    """From where a task is looked at.
+
+    Attributes:
+      azimuth, elevation: of the line of sight, degrees.
+      distance: from what is looked at, m.
+      follows: whether that is the first body, or the middle of the model.
+    """
+
+    azimuth: float
+    elevation: float
+    distance: float
+    follows: bool
+
+    def offset(self) -> np.ndarray:
+        """From what is looked at to the camera, `[3]`, m."""
+        a, e = np.radians([self.azimuth, self.elevation])
+        return -self.distance * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
 @struct.dataclass
@@ -45,21 +68,25 @@ class MjxTask(Env):
     physics state, `reward` scores the action executed in one physics state that led to another.
 
     Attributes:
-      model: the `mujoco.MjModel`, for the C engine and for viewers.
+      spec, model: the `mujoco.MjSpec` and the model that it compiles to, for the C engine and for viewers.
       episode_length: steps in an episode; the caller enforces it (`done` is always 0).
       action_limit: actions are clipped to [-action_limit, action_limit] before they are executed.
+      camera: from where to look at it.
       obs_mean, obs_std: `[obs]` centre and scale of the task's *whole* state space, wherever an expert goes.
     """
 
     episode_length: int
     action_limit: float = 1.0
+    camera: Camera
     obs_mean: tuple[float, ...]
     obs_std: tuple[float, ...]
 
-    def __init__(self, model: mujoco.MjModel, frame_skip: int):
-        self.model = model
+    def __init__(self, spec: mujoco.MjSpec, frame_skip: int):
+        dress(spec)
+        self.spec = spec
+        self.model = spec.compile()
         self.frame_skip = frame_skip
-        self._mjx_model = mjx.put_model(model)
+        self._mjx_model = mjx.put_model(self.model)
         self._blank = mjx.make_data(self._mjx_model)
 
     def initial(self, rng: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 
-from envs.mjx_task import MjxTask, Physics
+from envs.mjx_task import Camera, MjxTask, Physics
 from envs.referee import PendulumReferee
 
 MAX_SPEED = 8.0  # rad/s
@@ -55,11 +55,12 @@ class Pendulum(MjxTask):
 
     episode_length = 200
     action_limit = 2.0
+    camera = Camera(90, 0, 4, follows=False)
     obs_mean = (0.0, 0.0, 0.0)
     obs_std = (1.0, 1.0, 4.0)
 
     def __init__(self):
-        super().__init__(mujoco.MjModel.from_xml_string(MJCF), frame_skip=1)
+        super().__init__(mujoco.MjSpec.from_string(MJCF), frame_skip=1)
 
     def initial(self, rng):
         angle_rng, speed_rng = jax.random.split(rng)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 
-from envs.mjx_task import MjxTask
+from envs.mjx_task import Camera, MjxTask
 
 SIDE = 0.6  # m, L in the paper's release
 START = (SIDE / 2, 0.0)
@@ -22,6 +22,9 @@ MJCF = """
   </option>
   <default>
     <geom condim="1" contype="0" conaffinity="1"/>
+    <default class="look"> <!-- seen, never touched -->
+      <geom type="box" contype="0" conaffinity="0"/>
+    </default>
     <joint type="slide" damping="1"/>
     <motor ctrllimited="true" ctrlrange="-1 1"/>
   </default>
@@ -31,10 +34,17 @@ MJCF = """
       <joint name="y" axis="0 1 0"/>
       <geom name="point" type="sphere" size="0.03" density="1000" contype="1" conaffinity="0"/>
     </body>
-    <geom name="wall_west" type="plane" pos="-0.1 0 0" zaxis="1 0 0" size="1 1 0.1"/>
-    <geom name="wall_east" type="plane" pos="{side} 0 0" zaxis="-1 0 0" size="1 1 0.1"/>
-    <geom name="wall_south" type="plane" pos="0 -0.1 0" zaxis="0 1 0" size="1 1 0.1"/>
-    <geom name="wall_north" type="plane" pos="0 {side} 0" zaxis="0 -1 0" size="1 1 0.1"/>
+    <geom name="wall_west" type="plane" pos="-0.1 0 0" zaxis="1 0 0" size="1 1 0.1" rgba="0 0 0 0"/>
+    <geom name="wall_east" type="plane" pos="{side} 0 0" zaxis="-1 0 0" size="1 1 0.1" rgba="0 0 0 0"/>
+    <geom name="wall_south" type="plane" pos="0 -0.1 0" zaxis="0 1 0" size="1 1 0.1" rgba="0 0 0 0"/>
+    <geom name="wall_north" type="plane" pos="0 {side} 0" zaxis="0 -1 0" size="1 1 0.1" rgba="0 0 0 0"/>
+    <geom class="look" name="ground" pos="{centre} {centre} -0.05" size="{half} {half} 0.01" rgba="0.92 0.93 0.95 1"/>
+    <geom class="look" name="west" pos="-0.11 {centre} 0" size="0.01 {half} 0.04"/>
+    <geom class="look" name="east" pos="{beyond} {centre} 0" size="0.01 {half} 0.04"/>
+    <geom class="look" name="south" pos="{centre} -0.11 0" size="{half} 0.01 0.04"/>
+    <geom class="look" name="north" pos="{centre} {beyond} 0" size="{half} 0.01 0.04"/>
+    <geom class="look" name="goal" type="cylinder" pos="{goal[0]} {goal[1]} -0.039" size="0.03 0.001"
+          rgba="0.2 0.7 0.3 1"/>
     <geom name="barrier" type="capsule" size="0.02" fromto="{left} {middle} 0 {right} {middle} 0"/>
   </worldbody>
   <actuator>
@@ -69,6 +79,7 @@ class PointMaze(MjxTask):
     """
 
     episode_length = 100
+    camera = Camera(90, -89, 1.1, follows=False)
     # The arena [-0.1, 0.6]^2 becomes [-1, 1]^2, both passages included.
     obs_mean = (0.25, 0.25)
     obs_std = (0.35, 0.35)
@@ -82,8 +93,12 @@ class PointMaze(MjxTask):
             left=left,
             right=right,
             middle=SIDE / 2,
+            centre=(SIDE - 0.1) / 2,
+            half=(SIDE + 0.1) / 2,
+            beyond=SIDE + 0.01,
+            goal=GOAL,
         )
-        super().__init__(mujoco.MjModel.from_xml_string(mjcf), frame_skip=5)
+        super().__init__(mujoco.MjSpec.from_string(mjcf), frame_skip=5)
 
     def initial(self, rng):
         return jnp.array(START), jax.random.uniform(rng, (2,), minval=-0.01, maxval=0.01)

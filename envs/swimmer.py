@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mujoco
 
 from envs.locomotion import Locomotion
+from envs.mjx_task import Camera
 
 MJCF = """
 <mujoco>
@@ -76,6 +77,7 @@ class Swimmer(Locomotion):
     """
 
     first_observed = 2
+    camera = Camera(90, -50, 6, follows=True)
     control_cost = 1e-4
     gymnasium = ("Swimmer-v5", {})
     obs_mean = (0.0,) * 8

@@ -216,6 +216,23 @@ class Evaluate:
 
 
 @dataclass
+class View:
+    """Play an episode of a finished run: a web page that needs no network, a strip of frames, and a movie.
+
+    The pictures need OpenGL (without a display EGL, which `MUJOCO_GL` chooses otherwise); the page does not.
+    """
+
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a finished run.")]
+    seed: Annotated[int | None, arg(help="Whose policy. Default: the run's first.")] = None
+    out: Annotated[Path | None, arg(metavar="DIR", help="Where to write. Default: RUN/view.")] = None
+
+    def run(self, line: str) -> None:
+        from experiments import view
+
+        view.command(self.run_folder, self.seed, self.out)
+
+
+@dataclass
 class Bench:
     """Measure a whole iteration beside the simulation in it, its stages, five seeds beside one, and compiling."""
 
@@ -241,6 +258,7 @@ Command = (
     | Annotated[Sweep, subcommand("sweep")]
     | Annotated[Transfer, subcommand("transfer")]
     | Annotated[Evaluate, subcommand("evaluate")]
+    | Annotated[View, subcommand("view")]
     | Annotated[Bench, subcommand("bench")]
 )
 

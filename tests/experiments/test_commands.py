@@ -284,7 +284,7 @@ def test_transfer_uses_the_source_alone_to_choose(tmp_path, tiny):
     assert reused["returns"] == summary["returns"]
 
 
-def test_expert_and_demos_make_what_imitate_reads(tmp_path, tiny, capsys):
+def test_expert_and_demos_make_what_imitate_reads(tmp_path, tiny, monkeypatch, capsys):
     assert run("expert", "pendulum", "--seeds", 2, "--out", tmp_path / "expert", "--set", *rl_settings(tiny)) == 0
     path = tmp_path / "pendulum.npz"
     assert run("demos", "pendulum", "--expert", tmp_path / "expert", "--episodes", 3, "--out", path) == 0
@@ -302,6 +302,13 @@ def test_expert_and_demos_make_what_imitate_reads(tmp_path, tiny, capsys):
     returns = json.loads(figures.read_text())["returns"]
     assert list(returns) == ["MJX"]
     np.testing.assert_allclose(np.mean(returns["MJX"], axis=1), summary["returns"], rtol=1e-5)
+    # An episode of it can be looked at, with pictures or, where nothing can draw, without.
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    assert run("view", tmp_path / "run", "--seed", 1, "--out", tmp_path / "view") == 0
+    assert "no pictures: this machine cannot draw with OpenGL" in capsys.readouterr().out
+    assert [path.name for path in (tmp_path / "view").iterdir()] == ["episode.html"]
+    assert run("view", tmp_path / "run", "--seed", 7) == 2
+    assert "--seed 7: the run has seeds 0, 1" in capsys.readouterr().err
     # An imitator is no expert.
     assert run("demos", "pendulum", "--expert", tmp_path / "run", "--out", tmp_path / "no.npz") == 2
     assert "no expert of pendulum" in capsys.readouterr().err
@@ -368,6 +375,7 @@ REFUSED = {
     "no experts": (["expert", "pendulum", "--seeds", "0"], "at least 1"),
     "bench of bc": (["bench", "pendulum", "--method", "bc"], "not adversarial"),
     "evaluation of nothing": (["evaluate", "nowhere"], "no run's folder"),
+    "view of nothing": (["view", "nowhere"], "no run's folder"),
     "one episode": (["evaluate", "nowhere", "--episodes", "1"], "at least 2"),
     "missing demonstrations": (["imitate", "pendulum", "--demos", "nowhere.npz"], "is not there"),
 }

@@ -1,0 +1,62 @@
+"""`eairl view`: an episode of a run's policy, to look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from eairl_jax import InputError
+from experiments import policies
+from experiments.frames import draw
+from experiments.policies import Policies
+from experiments.scene import page
+from experiments.training import EVALUATE, console, lane_keys, say
+
+
+def command(run: Path, seed: int | None, out: Path | None) -> None:
+    """Writes a page that plays an episode and, where the machine can draw, a strip of frames and a movie."""
+    found = policies.load(run)
+    seed = found.seeds[0] if seed is None else seed
+    if seed not in found.seeds:
+        raise InputError(f"--seed {seed}: the run has seeds {', '.join(map(str, found.seeds))}")
+    folder = out or run / "view"
+    folder.mkdir(parents=True, exist_ok=True)
+    qpos, total = episode(found, found.seeds.index(seed))
+    title = f"{run.name}, seed {seed}: return {total:.2f}"
+    (folder / "episode.html").write_text(page(title, found.env, qpos), encoding="utf-8")
+    console.print(f"{title}\n{folder}/episode.html plays it in any browser, without a network", soft_wrap=True)
+    with console.status("drawing"):
+        problem = draw(found.env, qpos, folder / "frames.png", folder / "episode.gif")
+    if problem:
+        console.print(
+            f"[yellow]no pictures: this machine cannot draw with OpenGL ({problem}). On a machine without a display "
+            "install EGL (Debian: libegl1 and libgl1-mesa-dri) and repeat the command; the page needs none of "
+            "it[/yellow]",
+            soft_wrap=True,
+        )
+    else:
+        say(f"{folder}/frames.png: from left to right, then down; {folder}/episode.gif: the whole episode")
+
+
+def episode(found: Policies, lane: int) -> tuple[np.ndarray, float]:
+    """Positions `[T + 1, nq]` of an episode of the sampled policy, start included, and its true return."""
+    env, algorithm = found.env, found.algorithm
+    state = jax.tree.map(lambda leaf: jax.numpy.asarray(leaf[lane]), found.state)
+
+    @jax.jit
+    def play(key):
+        reset_key, key = jax.random.split(key)
+        start = env.reset(reset_key)
+
+        def step(now, key):
+            action = algorithm.act(state, now.obs[None], key)[0]
+            after = env.step(now, action)  # which clips the action
+            return after, (after.pipeline_state.qpos, after.reward)
+
+        _, (qpos, reward) = jax.lax.scan(step, start, jax.random.split(key, env.episode_length))
+        return jax.numpy.concatenate([start.pipeline_state.qpos[None], qpos]), reward.sum()
+
+    qpos, total = play(lane_keys(EVALUATE, [found.seeds[lane]])[0])
+    return np.asarray(qpos), float(total)
