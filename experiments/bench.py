@@ -3,15 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import jax
+import mujoco
+import mujoco.rollout
 import numpy as np
 from rich.table import Table
 
-from eairl_jax import InputError, Lanes, actor, discriminator, empowerment, history, make_irl, samples
+from eairl_jax import (
+    Algorithm,
+    HParams,
+    InputError,
+    Lanes,
+    actor,
+    discriminator,
+    empowerment,
+    history,
+    make_irl,
+    rollout,
+    samples,
+)
 from eairl_jax.artefact import write_json
 from eairl_jax.methods import METHODS, resolve
 from eairl_jax.optimizers import make_optimizer
@@ -35,24 +50,36 @@ def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], json_pa
         if not job.has_reward:
             raise InputError(f"{job.row} is not adversarial: bench measures {', '.join(METHODS)}")
     with console.status(f"{task}: compiling and measuring"):
-        results = measure(jobs, iterations)
+        results, simulation = measure(jobs, iterations)
     for job in jobs:
         _print(job, results[job.row])
     if len(jobs) > 1:
         _compare(task, results)
+    console.print(
+        f"random actions, {simulation['envs']} environments: MJX on {simulation['devices']} devices "
+        f"{simulation['mjx_steps_per_second']:,.0f} env steps/s, the C engine (mujoco.rollout, {simulation['threads']} "
+        f"threads) {simulation['c_steps_per_second']:,.0f}; MJX over C {simulation['mjx_over_c']:.2f}"
+    )
     if json_path:
         json_path.parent.mkdir(parents=True, exist_ok=True)
-        write_json(json_path, {"command": line, "task": task, "machine": machine(), "rows": results})
+        write_json(json_path, {"command": line, "task": task, "machine": machine(), "rows": results,
+                               "simulation": simulation})  # fmt: skip
 
 
-def measure(jobs: list[Job], iterations: int) -> dict[str, dict]:
-    """All figures of every job; times are medians over rounds in which all jobs take turns, seconds an iteration."""
+def measure(jobs: list[Job], iterations: int) -> tuple[dict[str, dict], dict[str, float]]:
+    """All figures of every job, and of the simulation in the two engines.
+
+    Times are medians over rounds in which everything takes turns, seconds an iteration.
+    """
     programs: dict[tuple[str, str], Callable[[], None]] = {}
     compiled = {}
     for job in jobs:
         runs, compiled[job.row] = whole_iterations(job, iterations)
         for name, run in (stages(job, iterations) | runs).items():
             programs[job.row, name] = run
+    threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    for name, run in engines(jobs[0], iterations, threads).items():
+        programs["engines", name] = run
     seconds = _time(programs, iterations)
     results = {}
     for job in jobs:
@@ -69,7 +96,18 @@ def measure(jobs: list[Job], iterations: int) -> dict[str, dict]:
             "peak_memory_gb": peak_memory_gb(),
             "config": dataclasses.asdict(job.recipe.config),
         }
-    return results
+    config, devices = jobs[0].recipe.config, len(jax.devices())
+    steps = config.steps_per_iteration * devices
+    mjx, c = (seconds["engines", name] for name in ("MJX", "C"))
+    simulation = {
+        "envs": config.num_envs * devices,
+        "devices": devices,
+        "threads": threads,
+        "mjx_steps_per_second": steps / mjx,
+        "c_steps_per_second": steps / c,
+        "mjx_over_c": c / mjx,
+    }
+    return results, simulation
 
 
 def whole_iterations(job: Job, iterations: int) -> tuple[dict[str, Callable[[], None]], dict[str, float]]:
@@ -120,6 +158,40 @@ def stages(job: Job, iterations: int) -> dict[str, Callable[[], None]]:
             state.empowerment,
         )
     return {name: _repeat(stage, start, iterations) for name, (stage, start) in programs.items()}
+
+
+def engines(job: Job, iterations: int, threads: int) -> dict[str, Callable[[], None]]:
+    """The same simulation, uniformly random actions, by MJX on every device and by `mujoco.rollout` on every core."""
+    env, config, devices = job.env, job.recipe.config, len(jax.devices())
+    keys = jax.random.split(jax.random.PRNGKey(0), devices)
+
+    def start(key, _):
+        return key, rollout.reset(key, env, config.num_envs).env
+
+    def step(carry, _, __):
+        key, state = carry
+        key, own = jax.random.split(key)
+        return (key, simulate(own, state, env, config)), {}
+
+    lanes = Lanes(Algorithm(start, step, lambda *_: None), keys, HParams())
+    lanes.compile(lanes.init(), iterations)
+
+    starts = jax.vmap(env.reset)(jax.random.split(keys[0], config.num_envs * devices)).pipeline_state
+    data, full = mujoco.MjData(env.model), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    states = []
+    for qpos, qvel in zip(np.asarray(starts.qpos), np.asarray(starts.qvel), strict=True):
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        states.append(np.zeros(mujoco.mj_stateSize(env.model, full)))
+        mujoco.mj_getState(env.model, data, states[-1], full)
+    shape = (len(states), config.rollout_length * iterations, env.action_size)
+    actions = np.random.default_rng(0).uniform(-env.action_limit, env.action_limit, shape)
+    actions, pool = np.repeat(actions, env.frame_skip, axis=1), mujoco.rollout.Rollout(nthread=threads)
+    copies = [mujoco.MjData(env.model) for _ in range(threads)]
+
+    return {
+        "MJX": lambda: jax.block_until_ready(lanes.run(lanes.init(), iterations)[0]),
+        "C": lambda: pool.rollout(env.model, copies, np.array(states), actions),
+    }
 
 
 def simulate(key: jax.Array, state: PyTree, env, config) -> PyTree:

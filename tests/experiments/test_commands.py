@@ -192,7 +192,12 @@ def test_bench_measures_methods_in_turns(tmp_path, tiny, monkeypatch, capsys):
     path = tmp_path / "figures" / "bench.json"
     assert run("bench", "pendulum", "--method", "eairl", "gail", "--iterations", 2, "--json", path, "--set", *tiny) == 0
     printed = table(capsys)
-    rows = json.loads(path.read_text())["rows"]
+    written = json.loads(path.read_text())
+    simulation, rows = written["simulation"], written["rows"]
+    assert (simulation["devices"], simulation["envs"]) == (2, 4)
+    ratio = simulation["mjx_steps_per_second"] / simulation["c_steps_per_second"]
+    assert simulation["mjx_over_c"] == pytest.approx(ratio)
+    assert f"MJX over C {ratio:.2f}" in printed
     assert list(rows) == ["eairl-sa", "gail-sa"]
     stages = {"simulation alone", "rollout", "discriminator", "policy", "iteration", "iteration, five seeds"}
     for name, row in rows.items():
