@@ -179,9 +179,10 @@ class Transfer:
         tuple[str, ...], arg(metavar="NAME=VALUE", help="Like --set, for the policies that are trained on the reward.")
     ] = ()
     restarts: Annotated[
-        int,
-        arg(help="Policies trained in TARGET for each score; the best of them by the learned reward is kept."),
-    ] = 4
+        int | None,
+        arg(help="Policies trained in TARGET for each score; the best of them by the learned reward is kept. Default: "
+            "the task's own (mazes 4, walkers 1)."),
+    ] = None  # fmt: skip
 
     def run(self, line: str) -> None:
         from experiments import transfer

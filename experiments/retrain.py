@@ -29,18 +29,21 @@ class Target:
     env: MjxTask
     recipe: Recipe
     reference: Reference
-    restarts: int = 1
-    """Policies trained for each score; the one that the reward itself rates best is kept."""
 
 
-def as_target(task: str, env: MjxTask, assignments: tuple[str, ...], restarts: int = 1) -> Target:
-    """A task with its retraining recipe and its reference returns (of the demonstrations we ship)."""
+def as_target(task: str, env: MjxTask, assignments: tuple[str, ...], restarts: int | None = None) -> Target:
+    """A task with its retraining recipe and its reference returns (of the demonstrations we ship).
+
+    Args:
+      assignments: a user's `name=value` for the recipe.
+      restarts: a user's number of them.
+    """
     path = shipped(task)
     known = reference(task, env, path, demonstrations.load(path, task))
     overrides = parse_overrides(assignments)
-    own = recipe(task, env, "retrain", overrides)
+    own = recipe(task, env, "retrain", overrides | ({} if restarts is None else {"restarts": restarts}))
     refuse_meaningless([own.config], set(overrides), "reinforcement learning")
-    return Target(task, env, own, known, restarts)
+    return Target(task, env, own, known)
 
 
 def target_settings(target: Target) -> dict:
@@ -51,7 +54,7 @@ def target_settings(target: Target) -> dict:
         "retrain_config": dataclasses.asdict(own.config),
         "retrain_hparams": dataclasses.asdict(own.hparams),
         "retrain_snapshot_every": own.snapshot_every,
-        "restarts": target.restarts,
+        "restarts": own.restarts,
     }
 
 
@@ -75,7 +78,7 @@ def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | 
 def score(
     folder: Folder, title: str, target: Target, reward: LearnedReward | None, seeds: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Trains `target.restarts` policies for each seed and keeps the best *by the reward it was trained on*.
+    """Trains `target.recipe.restarts` policies for each seed and keeps the best *by the reward it was trained on*.
 
     A policy can settle before a wall that it has to walk around. Which of several did not is visible in the learned
     reward; the true reward has no say.
@@ -83,10 +86,10 @@ def score(
     Returns:
       `(curves [seeds, iterations] of true returns, final true returns [seeds])` of the kept policies.
     """
-    labels = [{"restart": restart, "seed": seed} for restart in range(target.restarts) for seed in seeds]
-    params = jax.tree.map(lambda leaf: np.concatenate([leaf] * target.restarts), reward.params) if reward else ()
+    labels = [{"restart": restart, "seed": seed} for restart in range(target.recipe.restarts) for seed in seeds]
+    params = jax.tree.map(lambda leaf: np.concatenate([leaf] * target.recipe.restarts), reward.params) if reward else ()
     algorithm, state = retrain(folder, title, target, reward, params, labels, RETRAIN)
-    kept = best_restarts(folder, target.restarts, len(seeds))
+    kept = best_restarts(folder, target.recipe.restarts, len(seeds))
     returns = final_returns(target.env, algorithm, take_rows(state, kept), seeds).mean(axis=1)
     return folder.curve("true_return", len(labels))[kept], returns
 

@@ -77,12 +77,10 @@ def reuse(folder: Folder, reward: LearnedReward, target: Target, seeds: Sequence
 
 def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: range,
             rules: tuple[str, ...], demos: Path | None, reward: Path | None, out: Path | None,
-            assignments: tuple[str, ...], retrain_assignments: tuple[str, ...], restarts: int, line: str,
+            assignments: tuple[str, ...], retrain_assignments: tuple[str, ...], restarts: int | None, line: str,
             ) -> None:  # fmt: skip
     """Runs every row of `eairl transfer` and prints one table."""
     source_env, target_env = make_env(source), make_env(target)
-    if restarts < 1:
-        raise InputError(f"--restarts {restarts}: expected at least 1")
     if (source_env.observation_size, source_env.action_size) != (target_env.observation_size, target_env.action_size):
         raise InputError(
             f"a reward of {source} (observations of {source_env.observation_size}, actions of "
@@ -116,7 +114,9 @@ def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str
     print_table(f"Reward learned in {source}, used in {target}: true return, {count} seeds", rows)
     compiled, ran = (sum(s[f"{name}_seconds"] for s in summaries) for name in ("compile", "run"))
     peak = max(summary["peak_memory_gb"] for summary in summaries)
-    say(f"every score is the best of {restarts} policies by the reward that they were trained on")
+    tries = put_to_use.recipe.restarts
+    if tries > 1:
+        say(f"every score is the best of {tries} policies by the reward that they were trained on")
     say(f"compiled {compiled:.0f} s, ran {ran:.0f} s, peak memory {peak:.1f} GB")
 
 
