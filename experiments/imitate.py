@@ -68,7 +68,8 @@ class Job:
         """What makes this run this run."""
         return {
             "task": self.task,
-            "demonstrations": str(self.demos_path),
+            # What they are, not where: a folder goes on after the project has moved, never on other episodes.
+            "demonstrations": f"{self.demos_path.name} {demonstrations.fingerprint(self.demos)}",
             "seeds": list(self.seeds),
             "config": dataclasses.asdict(self.recipe.config),
             "hparams": dataclasses.asdict(self.recipe.hparams),

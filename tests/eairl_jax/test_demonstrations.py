@@ -110,3 +110,14 @@ def test_a_broken_provenance_is_refused(path, content):
         path.with_suffix(".json").write_text(content)
     with pytest.raises(InputError, match=r"demos\.json is not"):
         demonstrations.provenance(path)
+
+
+def test_the_fingerprint_is_of_the_episodes(tmp_path, demos):
+    own = demonstrations.fingerprint(demos)
+    for name in ("here.npz", "there.npz"):
+        demonstrations.save(tmp_path / name, demos, {"task": "toy"})
+        assert demonstrations.fingerprint(demonstrations.load(tmp_path / name)) == own
+    action = np.array(demos.action)
+    action[2, 4, 1] += 1e-6
+    assert demonstrations.fingerprint(demos._replace(action=action)) != own
+    assert demonstrations.fingerprint(demos._replace(obs=demos.next_obs, next_obs=demos.obs)) != own
