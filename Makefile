@@ -39,11 +39,11 @@ test-slow: $(STAMP)
 bench: $(STAMP)
 	@$(BIN)/eairl bench point_maze_left
 
-TASKS = pendulum point_maze_left point_maze_right
 data: $(STAMP)
-	@for task in $(TASKS); do \
-		$(BIN)/eairl expert $$task && \
-		$(BIN)/eairl demos $$task --out experiments/data/$$task.npz || exit 1; \
+	@for task in pendulum:4 point_maze_left:4 point_maze_right:4 swimmer:2 half_cheetah:2 ant:1 crippled_ant:1; do \
+		name=$${task%:*}; \
+		$(BIN)/eairl expert $$name --seeds $${task#*:} && \
+		$(BIN)/eairl demos $$name --out experiments/data/$$name.npz || exit 1; \
 	done
 
 lint: $(STAMP)
