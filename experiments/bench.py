@@ -176,10 +176,10 @@ def engines(job: Job, iterations: int, threads: int) -> dict[str, Callable[[], N
     lanes = Lanes(Algorithm(start, step, lambda *_: None), keys, HParams())
     lanes.compile(lanes.init(), iterations)
 
-    starts = jax.vmap(env.reset)(jax.random.split(keys[0], config.num_envs * devices)).pipeline_state
+    starts = jax.vmap(env.initial)(jax.random.split(keys[0], config.num_envs * devices))
     data, full = mujoco.MjData(env.model), mujoco.mjtState.mjSTATE_FULLPHYSICS
     states = []
-    for qpos, qvel in zip(np.asarray(starts.qpos), np.asarray(starts.qvel), strict=True):
+    for qpos, qvel in zip(*map(np.asarray, starts), strict=True):
         data.qpos[:], data.qvel[:] = qpos, qvel
         states.append(np.zeros(mujoco.mj_stateSize(env.model, full)))
         mujoco.mj_getState(env.model, data, states[-1], full)

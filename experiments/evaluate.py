@@ -54,8 +54,7 @@ def referee_returns(found: Policies, episodes: int, sampled: bool = True) -> np.
 
     def run(state, key) -> np.ndarray:
         reset_key, key = jax.random.split(key)
-        starts = jax.vmap(found.env.reset)(jax.random.split(reset_key, episodes)).pipeline_state
-        starts = zip(np.asarray(starts.qpos), np.asarray(starts.qvel), strict=True)
+        starts = zip(*map(np.asarray, jax.vmap(found.env.initial)(jax.random.split(reset_key, episodes))), strict=True)
         obs = np.stack([referee.start(*start) for referee, start in zip(referees, starts, strict=True)])
         total = np.zeros(episodes)
         for step_key in jax.random.split(key, length):

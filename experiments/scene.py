@@ -80,7 +80,7 @@ def _three() -> str:
     from trimesh.util import decompress
 
     archive = decompress(get_bytes("templates/viewer.zip"), file_type="zip")
-    text = archive["viewer.html.template"].read().decode("utf-8")
+    text = archive["viewer.html.template"].read().decode("utf-8")  # pyright: ignore
     script = re.search(r"<script>(.*)</script>", text, re.DOTALL)
     code, start, _ = script[1].rpartition("init();") if script else ("", "", "")
     if not start:

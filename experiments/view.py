@@ -53,10 +53,11 @@ def episode(found: Policies, lane: int) -> tuple[np.ndarray, float]:
         def step(now, key):
             action = algorithm.act(state, now.obs[None], key)[0]
             after = env.step(now, action)  # which clips the action
-            return after, (after.pipeline_state.qpos, after.reward)
+            return after, (after.pipeline_state.qpos, after.reward)  # pyright: ignore
 
         _, (qpos, reward) = jax.lax.scan(step, start, jax.random.split(key, env.episode_length))
-        return jax.numpy.concatenate([start.pipeline_state.qpos[None], qpos]), reward.sum()
+        first = start.pipeline_state.qpos  # pyright: ignore
+        return jax.numpy.concatenate([first[None], qpos]), reward.sum()
 
     qpos, total = play(lane_keys(EVALUATE, [found.seeds[lane]])[0])
     return np.asarray(qpos), float(total)

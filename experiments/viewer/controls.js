@@ -4,7 +4,7 @@ import * as THREE from 'three';
 export class OrbitControls extends THREE.TrackballControls {
   constructor(camera, element) {
     super(camera, element);
-    this.rotateSpeed = 3;
+    this.rotateSpeed = 1.5;
     this.noPan = true;
     new ResizeObserver(() => this.handleResize()).observe(element);
   }

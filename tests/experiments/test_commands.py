@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eairl_jax import Checkpoints, load_reward
-from eairl_jax.methods import names
+from eairl_jax.methods import METHODS, names
 from experiments import bench, cli, training
 from experiments.imitate import prepare
 from experiments.summary import Row, print_table
@@ -435,3 +435,15 @@ def test_a_disk_that_fails_is_reported_and_nothing_is_lost(tmp_path, tiny, monke
     (tmp_path / "file").write_text("")
     assert imitate(tmp_path / "file" / "run", tiny) == 2
     assert "cannot write" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_moves_its_reward_to_the_crippled_ant(method, tmp_path, tiny):
+    arguments = ["transfer", "ant", "crippled_ant", "--method", method, "--seeds", 1, "--restarts", 1]
+    settings = ["--set", *tiny, "rollout_length=500", "--retrain-set", *rl_settings(tiny)]
+    assert run(*arguments, "--rule", "last", "--out", tmp_path, *settings) == 0
+    (folder,) = tmp_path.glob("transfer-ant-to-crippled_ant-*")
+    summary = json.loads((folder / "summary.json").read_text())
+    assert np.isfinite(summary["returns"]).all()
+    assert load_reward(folder / "reward").description["task"] == "ant"
