@@ -195,6 +195,29 @@ class Transfer:
 
 
 @dataclass
+class Reproduce:
+    """Train the paper's tables, or go on with them: what is missing is trained, what is there is kept.
+
+    20 demonstrations, the last iteration's reward (and `source_retrain`), no selection on a target task, seeds that no
+    setting was found with. Results are written after every row.
+    """
+
+    name: Annotated[Positional[Literal["table1", "table2", "all"]], arg(help="Reward transfer, imitation, or both.")]
+    quick: bool = False
+    """A small version, in minutes and by the same code: two seeds, 20 iterations, pendulum and mazes."""
+    seeds: Seeds = 5
+    task: Annotated[tuple[str, ...], arg(metavar="NAME", help="Only these (source) tasks.")] = ()
+    out: Annotated[Path | None, arg(metavar="DIR", help="Where the runs are. Default: runs/reproduce.")] = None
+    results: Annotated[Path | None, arg(metavar="DIR", help="Where the results are written. Default: "
+                                        "experiments/results; of --quick, where the runs are.")] = None  # fmt: skip
+
+    def run(self, line: str) -> None:
+        from experiments import reproduce
+
+        reproduce.command(self.name, self.quick, self.seeds, self.task, self.out, self.results, line)
+
+
+@dataclass
 class Evaluate:
     """Score the policies of a finished run on fresh episodes: an expert's, an imitation's or a transfer's.
 
@@ -258,6 +281,7 @@ Command = (
     | Annotated[Imitate, subcommand("imitate")]
     | Annotated[Sweep, subcommand("sweep")]
     | Annotated[Transfer, subcommand("transfer")]
+    | Annotated[Reproduce, subcommand("reproduce")]
     | Annotated[Evaluate, subcommand("evaluate")]
     | Annotated[View, subcommand("view")]
     | Annotated[Bench, subcommand("bench")]

@@ -1,0 +1,25 @@
+"""Writes the tables of the README anew from `experiments/results`: `python -m experiments.readme`."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from experiments import paper, results
+
+README = Path("README.md")
+TABLES = {"table1": paper.TRANSFER, "table2": paper.IMITATION}
+
+
+def updated(text: str, folder: Path = results.FOLDER) -> str:
+    """The README with a fresh table between `<!-- NAME -->` and `<!-- end -->`, for every results file named so."""
+
+    def fresh(found: re.Match) -> str:
+        name = found[1]
+        return f"<!-- {name} -->\n{results.markdown(results.load(folder / f'{name}.json'), TABLES[name])}\n<!-- end -->"
+
+    return re.sub(r"<!-- (table\d) -->\n.*?<!-- end -->", fresh, text, flags=re.DOTALL)
+
+
+if __name__ == "__main__":
+    README.write_text(updated(README.read_text(encoding="utf-8")), encoding="utf-8")
