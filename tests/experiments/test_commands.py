@@ -9,8 +9,9 @@ import pytest
 
 from eairl_jax import Checkpoints, load_reward
 from eairl_jax.methods import METHODS, names
-from experiments import bench, cli, training
+from experiments import bench, cli, reproduce, training
 from experiments.imitate import prepare
+from experiments.reproduce import Entry
 from experiments.summary import Row, print_table
 
 
@@ -435,6 +436,33 @@ def test_a_disk_that_fails_is_reported_and_nothing_is_lost(tmp_path, tiny, monke
     (tmp_path / "file").write_text("")
     assert imitate(tmp_path / "file" / "run", tiny) == 2
     assert "cannot write" in capsys.readouterr().err
+
+
+def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys):
+    entries = [Entry(task, "bc") for task in ("pendulum", "point_maze_left", "ant")]
+    monkeypatch.setattr(reproduce, "EXPERIMENTS", {"table2": entries})
+    monkeypatch.setattr(reproduce, "short", lambda quick: tiny[:2] + tiny[-2:])
+    arguments = ["reproduce", "table2", "--quick", "--out", tmp_path]  # of these tasks the ant is not a quick one
+    assert run(*arguments) == 0
+    printed = capsys.readouterr().out
+    assert "table2: pendulum, 2 seeds" in printed
+    rows = json.loads((tmp_path / "table2.json").read_text())["rows"]
+    assert [(r["row"], r["task"], r["target"], r["seeds"]) for r in rows] == [
+        ("bc", "pendulum", None, [20, 21]), ("bc", "point_maze_left", None, [20, 21]),
+    ]  # fmt: skip
+    assert rows[1]["settings"]["config"]["method"] == "bc"
+    assert rows[0]["machine"]["versions"]["jax"]
+    # Only the row that was lost is trained again.
+    (tmp_path / "imitate-pendulum-bc" / "summary.json").unlink()
+    monkeypatch.setattr("eairl_jax.Lanes.run", lambda *_: pytest.fail("trained again"))
+    assert run(*arguments) == 0
+    again = json.loads((tmp_path / "table2.json").read_text())["rows"]
+    assert [r["returns"] for r in again] == [r["returns"] for r in rows]
+
+
+def test_an_experiment_without_the_task_is_refused(capsys):
+    assert run("reproduce", "table1", "--task", "pendulum") == 2
+    assert "--task pendulum: table1 has ant, point_maze_left, point_maze_right" in capsys.readouterr().err
 
 
 @pytest.mark.slow
