@@ -179,8 +179,8 @@ class Ant(Locomotion):
         unknown = sorted(set(crippled) - set(LEGS))
         if unknown:
             raise TaskError(f"crippled = {', '.join(unknown)}: no such leg; the ant has {', '.join(LEGS)}")
-        if not 0 < length <= 10:
-            raise TaskError(f"length = {length}: expected a share of a sound leg's, above 0 (half: 0.5)")
+        if not 0.01 <= length <= 10:
+            raise TaskError(f"length = {length}: expected a share of a sound leg's, from 0.01 to 10 (half: 0.5)")
         if not 0 <= gear <= 1000:
             raise TaskError(f"gear = {gear}: expected N m, from 0 to 1000 (a sound leg's motors: {GEAR:g})")
         spec = ant_spec()

@@ -1,8 +1,8 @@
 """The constraints of a body over a floor, solved in a few Newton steps: what makes the fast physics fast.
 
-`mjx.step` pays in full for every contact that could ever happen. Of a walker's 16 to 25 possible contacts no more than
-five happen at a time, so here the deepest few alone get constraint rows; joint limits touch one degree of freedom each
-and only add to a diagonal; and the solver evaluates nothing that it throws away. The equations are MuJoCo's
+`mjx.step` pays in full for every contact that could ever happen. Of a walker's 16 to 25 possible contacts hardly more
+than five happen at a time, so here the deepest few alone get constraint rows; joint limits touch one degree of freedom
+each and only add to a diagonal; and the solver evaluates nothing that it throws away. The equations are MuJoCo's
 (https://mujoco.readthedocs.io/en/stable/computation, "Constraint model"), its convex problem is the same, and
 `tests/envs/test_floor.py` compares accelerations with the C engine's.
 """
@@ -109,6 +109,8 @@ class Floor:
         """`(sign, stiffness, reference)`, each `[nv]`."""
         model, nv = self.model, self.model.nv
         joint = np.flatnonzero(model.jnt_limited)
+        if not joint.size:
+            return jnp.ones(nv), jnp.zeros(nv), jnp.zeros(nv)
         dof = model.jnt_dofadr[joint]
         low, high = model.jnt_range[joint].T
         q = data.qpos[model.jnt_qposadr[joint]]
@@ -159,9 +161,9 @@ def newton(
             slope = slope_0 + length * curvature_0 + push @ ahead + limit_push @ limit_ahead
             curvature = curvature_0 + push @ towards + limit_push @ limit_towards
             low, high = jnp.where(slope < 0, length, low), jnp.where(slope < 0, high, length)
-            shorter = length - slope / jnp.maximum(curvature, 1e-12)
-            # `high` is infinite only while the slope leads beyond `low`, to a `shorter` that lies between them.
-            length = jnp.where((shorter >= low) & (shorter <= high), shorter, 0.5 * (low + high))
+            proposed = length - slope / jnp.maximum(curvature, 1e-12)
+            # `high` is infinite only while the slope leads beyond `low`, to a `proposed` that lies between them.
+            length = jnp.where((proposed >= low) & (proposed <= high), proposed, 0.5 * (low + high))
         return acceleration + length * direction
 
     # Unrolled when short, which saves a fifth of the time; a loop when long, which saves the compiler's.

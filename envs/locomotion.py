@@ -122,18 +122,18 @@ class Locomotion(MjxTask):
         h = self.model.opt.timestep
 
         def stage(carry, tableau):
-            (qacc, moved, pushed), (ahead, weight) = carry, tableau
+            ((last_speed, last_qacc), moved, pushed), (ahead, weight) = carry, tableau
             # Where the speed and the acceleration of the stage before lead.
-            speed = physics.qvel + ahead * h * qacc[1]
-            place = self._move(physics.qpos, qacc[0], ahead * h)
-            found, _ = self._acceleration(Physics(place, speed, qacc[1]), ctrl)
+            speed = physics.qvel + ahead * h * last_qacc
+            place = self._move(physics.qpos, last_speed, ahead * h)
+            found, _ = self._acceleration(Physics(place, speed, last_qacc), ctrl)
             return ((speed, found), moved + weight * speed, pushed + weight * found), None
 
         first = (physics.qvel, physics.qacc_warmstart)
         still = jnp.zeros_like(physics.qvel)
         tableau = jnp.array([0.0, 0.5, 0.5, 1.0]), jnp.array([1.0, 2.0, 2.0, 1.0]) / 6
-        ((_, qacc), speed, mean), _ = jax.lax.scan(stage, (first, still, still), tableau)
-        return Physics(self._move(physics.qpos, speed, h), physics.qvel + h * mean, qacc)
+        ((_, qacc), mean_speed, mean_qacc), _ = jax.lax.scan(stage, (first, still, still), tableau)
+        return Physics(self._move(physics.qpos, mean_speed, h), physics.qvel + h * mean_qacc, qacc)
 
     def _move(self, qpos: jax.Array, qvel: jax.Array, seconds: jax.Array | float) -> jax.Array:
         """Positions `[nq]` after some time at constant velocities `[nv]`."""

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 
-from envs.mjx_task import Camera, MjxTask
+from envs.mjx_task import Camera, MjxTask, TaskError
 
 SIDE = 0.6  # m, L in the paper's release
 START = (SIDE / 2, 0.0)
@@ -76,6 +76,9 @@ class PointMaze(MjxTask):
       solver_iterations, line_search_iterations: of the constraint solver. With one Newton step positions stay within
         2 mm of the C engine's (at 100 iterations) where the point leans on walls; thrown into them at full speed it
         can be off by 7 mm for a moment. `tests/envs/test_point_maze.py` holds both.
+
+    Raises:
+      TaskError: for another side.
     """
 
     episode_length = 100
@@ -85,6 +88,8 @@ class PointMaze(MjxTask):
     obs_std = (0.35, 0.35)
 
     def __init__(self, passage: str, solver_iterations: int = 1, line_search_iterations: int = 4):
+        if passage not in BARRIER:
+            raise TaskError(f"passage = {passage!r}: expected {' or '.join(BARRIER)}")
         left, right = BARRIER[passage]
         mjcf = MJCF.format(
             iterations=solver_iterations,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shlex
 import sys
@@ -222,11 +223,15 @@ class Evaluate:
     """Score the policies of a finished run on fresh episodes: an expert's, an imitation's or a transfer's.
 
     `--engine c` also runs them in the C engine, through Gymnasium's environments where there are such, with every
-    contact and all iterations of its solver: what the policy is worth outside of our fast physics.
+    contact and a solver that converges.
     """
 
     run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a finished run.")]
-    engine: Annotated[Literal["mjx", "c"], arg(help="mjx alone, or c beside it.")] = "mjx"
+    engine: Annotated[
+        Literal["mjx", "c", "exact"],
+        arg(help="mjx alone; or beside it c, the C engine with the task's own integrator; or exact, with Gymnasium's "
+            "(RK4 for ants and swimmer, where the task takes Euler's)."),
+    ] = "mjx"  # fmt: skip
     episodes: int = 20
     """Episodes a seed."""
     mean_action: bool = False
@@ -263,6 +268,7 @@ class Bench:
     task: Task
     method: Methods = ("eairl",)
     reward_form: Forms = ("default",)
+    demos: Demos = None
     json: Annotated[Path | None, arg(metavar="FILE", help="Write all figures here as well.")] = None
     iterations: int = 20
     """Iterations a measurement."""
@@ -271,7 +277,7 @@ class Bench:
     def run(self, line: str) -> None:
         from experiments import bench
 
-        bench.command(self.task, self.method, self.reward_form, self.json, self.set, self.iterations, line)
+        bench.command(self.task, self.method, self.reward_form, self.demos, self.json, self.set, self.iterations, line)
 
 
 Command = (
@@ -306,12 +312,13 @@ def main(arguments: list[str] | None = None) -> None:
     except InputError as e:
         _fail(str(e), 2)
     except OSError as e:
-        _fail(f"{e.strerror or e} ({e.filename or 'disk'}); what was computed before is kept: free the disk, then "
-              "repeat the command to go on", 2)  # fmt: skip
+        advice = "; what was computed before is kept: free the disk, then repeat the command to go on"
+        is_full = e.errno in (errno.ENOSPC, errno.EDQUOT)
+        _fail(f"{e.strerror or e} ({e.filename or 'disk'}){advice if is_full else ''}", 2)
     except Diverged as e:
         _fail(str(e), 1)
     except KeyboardInterrupt:
-        _fail("stopped; the same command goes on from the last checkpoint", 130)
+        _fail("stopped; a training goes on from its last checkpoint when its command is given again", 130)
 
 
 def configure_jax() -> None:
@@ -334,8 +341,9 @@ def configure_jax() -> None:
 
 def _fail(message: str, code: int) -> None:
     from rich.console import Console
+    from rich.markup import escape  # a path may hold brackets
 
-    Console(stderr=True, highlight=False).print(f"[bold red]eairl:[/bold red] {message}", soft_wrap=True)
+    Console(stderr=True, highlight=False).print(f"[bold red]eairl:[/bold red] {escape(message)}", soft_wrap=True)
     sys.exit(code)
 
 

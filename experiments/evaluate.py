@@ -10,10 +10,14 @@ from rich.table import Table
 
 from eairl_jax import InputError
 from eairl_jax.artefact import write_json
+from envs.mjx_task import MjxTask
 from experiments import policies
-from experiments.folder import machine
+from experiments.folder import machine, writable
 from experiments.policies import Policies
+from experiments.settings import make_env
 from experiments.training import EVALUATE, console, final_returns, lane_keys, say
+
+ENGINES = {"c": "C engine", "exact": "C engine, exact"}
 
 
 def command(run: Path, engine: str, episodes: int, mean_action: bool, json: Path | None, line: str) -> None:
@@ -21,31 +25,39 @@ def command(run: Path, engine: str, episodes: int, mean_action: bool, json: Path
     if episodes < 2:
         raise InputError(f"--episodes {episodes}: expected at least 2, for a standard error")
     found = policies.load(run)
-    returns = {"MJX": final_returns(found.env, found.algorithm, found.state, found.seeds, episodes, not mean_action)}
-    if engine == "c":
+    judge = make_env(found.task, fidelity="exact") if engine == "exact" else found.env
+    if json:
+        writable(json)
+    sampled = not mean_action
+    returns = {"MJX": final_returns(found.env, found.algorithm, found.state, found.seeds, episodes, sampled)}
+    if engine in ENGINES:
         with console.status(f"{found.task}: {episodes} episodes a seed in the C engine"):
-            returns["C engine"] = referee_returns(found, episodes, not mean_action)
-    how = "mean action" if mean_action else "sampled policy"
-    table = Table(title=f"{run.name} in {found.task}: true return, {how}, {episodes} episodes", title_justify="left")
+            returns[ENGINES[engine]] = referee_returns(found, judge, episodes, sampled)
+    how = "sampled policy" if sampled else "mean action"
+    table = Table(title=f"{found.task}: true return, {how}, {episodes} episodes a seed", title_justify="left")
     for name in ("seed", *returns, *(["C over MJX"] if len(returns) > 1 else [])):
         table.add_column(name, justify="right", no_wrap=True)
     for lane, seed in enumerate(found.seeds):
-        table.add_row(str(seed), *_cells({name: each[lane] for name, each in returns.items()}))
+        own = {name: each[lane] for name, each in returns.items()}
+        cells = [f"{each.mean():.2f} ± {each.std(ddof=1) / np.sqrt(episodes):.2f}" for each in own.values()]
+        table.add_row(str(seed), *cells, *_difference(own))
     if len(found.seeds) > 1:
         table.add_section()
-        table.add_row("all", *_cells({name: each.ravel() for name, each in returns.items()}))
+        means = {name: each.mean(axis=1) for name, each in returns.items()}
+        table.add_row("all", *(f"{each.mean():.2f} ± {each.std():.2f}" for each in means.values()), *_difference(means))
     console.print(table)
-    say("mean ± standard error over episodes; both engines start them alike and draw the same noise of the policy")
+    say("a seed: mean ± standard error over episodes; all: mean ± std over seeds")
+    if len(returns) > 1:
+        say("both engines start the episodes alike and draw the same noise of the policy")
     if json:
-        json.parent.mkdir(parents=True, exist_ok=True)
         figures = {name: each.tolist() for name, each in returns.items()}
         write_json(json, {"command": line, "task": found.task, "seeds": found.seeds, "machine": machine(),
                           "returns": figures})  # fmt: skip
 
 
-def referee_returns(found: Policies, episodes: int, sampled: bool = True) -> np.ndarray:
-    """True returns `[seeds, episodes]` in the C engine, of episodes that start as those of `final_returns` do."""
-    referees = [found.env.referee() for _ in range(episodes)]
+def referee_returns(found: Policies, judge: MjxTask, episodes: int, sampled: bool) -> np.ndarray:
+    """True returns `[seeds, episodes]` by the referee of `judge`; episodes start as those of `final_returns` do."""
+    referees = [judge.referee() for _ in range(episodes)]
     limit, length = found.env.action_limit, found.env.episode_length
 
     @jax.jit
@@ -70,9 +82,8 @@ def referee_returns(found: Policies, episodes: int, sampled: bool = True) -> np.
     return np.stack([run(state, key) for state, key in zip(lanes, keys, strict=True)])
 
 
-def _cells(returns: dict[str, np.ndarray]) -> list[str]:
-    cells = [f"{each.mean():.2f} ± {each.std(ddof=1) / np.sqrt(len(each)):.2f}" for each in returns.values()]
-    if len(returns) > 1:
-        mjx, c = (each.mean() for each in returns.values())
-        cells.append(f"{(c - mjx) / abs(mjx):+.1%}")
-    return cells
+def _difference(returns: dict[str, np.ndarray]) -> list[str]:
+    if len(returns) < 2:
+        return []
+    mjx, c = (each.mean() for each in returns.values())
+    return [f"{(c - mjx) / abs(mjx):+.1%}"]

@@ -116,6 +116,22 @@ class Folder:
         return values.reshape(-1, lanes).T
 
 
+def writable(path: Path) -> None:
+    """Makes the folder of a file that is going to be written.
+
+    Raises:
+      InputError: if the file cannot be written there; better said before it is computed.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(path, "a"):
+            pass
+        if not path.stat().st_size:
+            path.unlink()
+    except OSError as e:
+        raise InputError(f"cannot write {path} ({e.strerror}): choose another file") from None
+
+
 def digest(settings: dict) -> str:
     """Six characters that tell these settings from others, for the name of a folder."""
     return hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode()).hexdigest()[:6]

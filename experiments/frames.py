@@ -10,15 +10,18 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
-from envs.mjx_task import MjxTask
+if TYPE_CHECKING:  # the process that draws needs no jax
+    from envs.mjx_task import MjxTask
 
 WIDTH, HEIGHT = 320, 240
 SHOTS = 8  # of the strip, two rows of four
 MOVIE_FRAMES = 125
+CANNOT_DRAW = 3  # exit code
 
 
 def draw(env: MjxTask, qpos: np.ndarray, strip: Path, movie: Path) -> str | None:
@@ -34,8 +37,10 @@ def draw(env: MjxTask, qpos: np.ndarray, strip: Path, movie: Path) -> str | None
         np.savez(episode, qpos=qpos, seconds=env.dt, view=view)
         command = [sys.executable, "-m", "experiments.frames", model, episode, strip, movie]
         done = subprocess.run([*map(str, command)], env=os.environ | backend, capture_output=True, text=True)
+    if done.returncode == CANNOT_DRAW or done.returncode < 0:  # killed by a signal: a driver that died
+        return done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"signal {-done.returncode}"
     if done.returncode:
-        return next((line for line in reversed(done.stderr.splitlines()) if line.strip()), f"exit {done.returncode}")
+        raise RuntimeError(f"drawing failed:\n{done.stderr}")
     return None
 
 
@@ -53,7 +58,12 @@ def main(model_path: str, episode_path: str, strip: str, movie: str) -> None:
     if follows:
         camera.type, camera.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, 1
     data = mujoco.MjData(model)
-    with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer:
+    try:
+        renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
+    except Exception as e:  # each backend of OpenGL has errors of its own
+        print(e, file=sys.stderr)
+        os._exit(CANNOT_DRAW)  # what is half made complains when it is taken down
+    with renderer:
 
         def shot(now: np.ndarray) -> np.ndarray:
             data.qpos[:] = now

@@ -48,16 +48,19 @@ def load(path: Path) -> Policies:
     """
     if not (path / "config.json").is_file():
         raise InputError(f"{path} is no run's folder: give one that `eairl expert`, imitate or transfer made")
-    settings = read_json(path / "config.json")["settings"]
+    settings = read_json(path / "config.json").get("settings", {})
     if not (path / "summary.json").is_file():
         raise InputError(f"{path} holds no finished run: repeat the command that began it, and it goes on")
     if "sweep" in settings:
         raise InputError(f"{path} is a sweep: repeat its best point with `eairl imitate`, and give that run")
-    seeds = settings["seeds"]
-    seeds = list(range(seeds)) if isinstance(seeds, int) else seeds
     transferred = "retrain_config" in settings
-    task, prefix = (settings["target"], "retrain_") if transferred else (settings["task"], "")
-    config, hparams = Config.from_json(settings[f"{prefix}config"]), HParams(**settings[f"{prefix}hparams"])
+    prefix = "retrain_" if transferred else ""
+    try:
+        seeds, task = settings["seeds"], settings["target" if transferred else "task"]
+        config, hparams = Config.from_json(settings[f"{prefix}config"]), HParams(**settings[f"{prefix}hparams"])
+    except (KeyError, TypeError) as e:
+        raise InputError(f"{path}/config.json is of another version ({e}): repeat the command that made it") from None
+    seeds = list(range(seeds)) if isinstance(seeds, int) else seeds
     env = make_env(task)
     imitated = "demonstrations" in settings and not transferred
     algorithm = algorithms.make(env, config) if imitated else make_rl(env, config)
@@ -65,6 +68,8 @@ def load(path: Path) -> Policies:
     keys = jax.random.split(jax.random.PRNGKey(0), restarts * len(seeds))
     like = jax.eval_shape(jax.vmap(lambda key: algorithm.init(key, hparams)), keys)
     like = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), like)
+    if not (path / "checkpoints" / str(config.iterations)).is_dir():
+        raise InputError(f"{path} has lost its last checkpoint ({config.iterations}), where its policies were")
     state = Checkpoints(path / "checkpoints").restore(config.iterations, like)
     if restarts > 1:
         state = take_rows(state, best_restarts(Folder(path, settings), restarts, len(seeds)))
@@ -80,7 +85,7 @@ def best_expert(path: Path, task: str) -> Policies:
     if not (path / "summary.json").is_file():
         raise InputError(f"{path} holds no finished expert: train one with `eairl expert {task}`")
     experts = load(path)
-    if experts.task != task or "demonstrations" in experts.settings:
+    if experts.task != task or {"demonstrations", "retrain_config"} & set(experts.settings):
         raise InputError(f"{path} holds no expert of {task}: train one with `eairl expert {task}`")
     best = int(np.argmax(tail(Folder(path, experts.settings).curve("true_return", len(experts.seeds)))))
     said = experts.settings | {"chosen_seed": best, "chosen_by": "training return of the last tenth"}

@@ -36,7 +36,7 @@ def shipped(task: str) -> Path:
     if not path.exists():
         raise InputError(
             f"no demonstrations of {task} come with the package: make some with `eairl expert {task}` and "
-            f"`eairl demos {task}`, then give them with --demos"
+            f"`eairl demos {task}`, then give them with --demos or, for a target task, put them at {path}"
         )
     return path
 

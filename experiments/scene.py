@@ -27,7 +27,7 @@ def page(title: str, env: MjxTask, qpos: np.ndarray) -> str:
     """The page, as text.
 
     Args:
-      qpos: `[T, nq]` positions after every step.
+      qpos: `[T, nq]` positions, a step apart.
     """
     system = json.dumps(scene(env, qpos)).replace("</", "<\\/")
     template = string.Template((_ours() / "page.html").read_text(encoding="utf-8"))

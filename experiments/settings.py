@@ -125,6 +125,8 @@ def recipe(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any]) -> 
     hparams = HParams(**{k: v for k, v in merged.items() if k in floats})
     config = Config(**{k: v for k, v in merged.items() if k not in floats})
     check_hparams(hparams, config)
+    if snapshot_every < 1:
+        raise InputError(f"snapshot_every = {snapshot_every}: expected at least 1 iteration between snapshots")
     if config.iterations % snapshot_every:
         raise InputError(
             f"iterations = {config.iterations} is not a multiple of snapshot_every = {snapshot_every}: "
@@ -182,13 +184,13 @@ def _divisor(iterations: int, near: int) -> int:
     return next(n for n in range(min(near, iterations), 0, -1) if iterations % n == 0)
 
 
-def make_env(task: str) -> MjxTask:
+def make_env(task: str, **settings) -> MjxTask:
     """`envs.make`, its complaint turned into the one error that commands report.
 
     Raises:
       InputError: for an unknown task, or one that cannot be made.
     """
     try:
-        return envs.make(task)
+        return envs.make(task, **settings)
     except envs.TaskError as e:
         raise InputError(str(e)) from None

@@ -25,7 +25,12 @@ def command() -> None:
             scores = ["-", "-"]
         sizes = [env.observation_size, env.action_size, f"±{env.action_limit:g}", env.episode_length]
         table.add_row(name, *map(str, sizes), *scores)
-        summaries.append(f"{name}: {(type(env).__doc__ or '').strip().splitlines()[0]}")
+        made = getattr(envs.TASKS[name], "keywords", {})  # of a partial: what tells variants of one class apart
+        variant = "; ".join(
+            f"{key} {', '.join([value] if isinstance(value, str) else value)}" for key, value in made.items()
+        )
+        summary = (type(env).__doc__ or "").strip().splitlines()[0]
+        summaries.append(f"{name}: {summary}" + (f" Here: {variant}." if variant else ""))
     console.print(table)
     console.print("\n".join(summaries))
     console.print("[dim]expert: mean true return of the shipped demonstrator, sampled, over 500 episodes[/dim]")

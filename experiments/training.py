@@ -32,7 +32,7 @@ class Diverged(RuntimeError):
 
 def say(message: str) -> None:
     """A remark to the user: dim, and never wrapped, so that paths can be copied."""
-    console.print(f"[dim]{message}[/dim]", soft_wrap=True, highlight=False)
+    console.print(message, style="dim", markup=False, soft_wrap=True, highlight=False)
 
 
 def lane_keys(phase: int, *numbers: Sequence[int]) -> jax.Array:

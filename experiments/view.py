@@ -9,6 +9,7 @@ import numpy as np
 
 from eairl_jax import InputError
 from experiments import policies
+from experiments.folder import writable
 from experiments.frames import draw
 from experiments.policies import Policies
 from experiments.scene import page
@@ -22,18 +23,20 @@ def command(run: Path, seed: int | None, out: Path | None) -> None:
     if seed not in found.seeds:
         raise InputError(f"--seed {seed}: the run has seeds {', '.join(map(str, found.seeds))}")
     folder = out or run / "view"
-    folder.mkdir(parents=True, exist_ok=True)
+    writable(folder / "episode.html")
     qpos, total = episode(found, found.seeds.index(seed))
     title = f"{run.name}, seed {seed}: return {total:.2f}"
     (folder / "episode.html").write_text(page(title, found.env, qpos), encoding="utf-8")
-    console.print(f"{title}\n{folder}/episode.html plays it in any browser, without a network", soft_wrap=True)
+    console.print(f"{title}\n{folder}/episode.html plays it in any browser, without a network", soft_wrap=True,
+                  markup=False)  # fmt: skip
     with console.status("drawing"):
         problem = draw(found.env, qpos, folder / "frames.png", folder / "episode.gif")
     if problem:
         console.print(
-            f"[yellow]no pictures: this machine cannot draw with OpenGL ({problem}). On a machine without a display "
-            "install EGL (Debian: libegl1 and libgl1-mesa-dri) and repeat the command; the page needs none of "
-            "it[/yellow]",
+            f"no pictures: this machine cannot draw with OpenGL ({problem}). On a machine without a display install "
+            "EGL (Debian: libegl1 and libgl1-mesa-dri) and repeat the command; the page needs none of it",
+            style="yellow",
+            markup=False,
             soft_wrap=True,
         )
     else:

@@ -80,7 +80,7 @@ def test_resets_are_spread_as_gymnasiums():
     ("settings", "message"),
     [
         (dict(crippled=("middle_leg",)), "crippled = middle_leg: no such leg; the ant has front_left_leg, front_right"),
-        (dict(crippled=("back_leg",), length=-0.5), r"length = -0.5: expected a share .* above 0"),
+        (dict(crippled=("back_leg",), length=-0.5), r"length = -0.5: expected a share .* from 0.01"),
         (dict(crippled=("back_leg",), length=float("nan")), "length = nan"),
         (dict(crippled=("back_leg",), gear=-1.0), "gear = -1.0: expected N m, from 0 to 1000"),
     ],

@@ -76,7 +76,8 @@ def test_the_deepest_points_get_rows(contacts, depths):
     mujoco.mj_forward(model, data)
     by_depth = {round(-depth, 6): stiffness for depth, stiffness in zip(data.efc_pos, data.efc_D, strict=True)}
     mjx_model = mjx.put_model(model)
-    rows = Floor(model, contacts).rows(mjx.com_pos(mjx_model, mjx.kinematics(mjx_model, mjx.make_data(mjx_model))))
+    blank, floor = mjx.make_data(mjx_model), Floor(model, contacts)
+    rows = jax.jit(lambda data: floor.rows(mjx.com_pos(mjx_model, mjx.kinematics(mjx_model, data))))(blank)
     touching = np.asarray(rows.stiffness)[np.asarray(rows.stiffness) > 0]
     np.testing.assert_allclose(np.sort(touching), np.sort(np.repeat([by_depth[d] for d in depths], 4)), rtol=1e-4)
     np.testing.assert_array_equal(rows.jacobian[: len(depths)], np.ones((len(depths), 1)))
@@ -86,6 +87,18 @@ def test_constraints_of_two_kinds_are_refused():
     floor = Floor(mujoco.MjModel.from_xml_string(POINTS.format(limit='solimplimit="0.9 0.95 0.001 0.4 2"')), 2)
     with pytest.raises(ValueError, match="one solref and one solimp"):
         floor.rows(mjx.make_data(floor.model))
+
+
+def test_contacts_of_two_kinds_are_refused():
+    mjcf = POINTS.replace('<geom type="sphere" size="0.14"', '<geom type="sphere" size="0.14" solref="0.03 1"')
+    with pytest.raises(ValueError, match="one solref and one solimp"):
+        Floor(mujoco.MjModel.from_xml_string(mjcf.format(limit="")), 2)
+
+
+def test_a_body_without_joint_limits_has_none_to_keep():
+    model = mujoco.MjModel.from_xml_string(POINTS.format(limit="").replace('limited="true" range="-1 1"', ""))
+    rows = Floor(model, 1).rows(mjx.com_pos(mjx.put_model(model), mjx.make_data(model)))
+    np.testing.assert_array_equal(rows.limit_stiffness, [0])
 
 
 def test_newton_minimises_by_hand():

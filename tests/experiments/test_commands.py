@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -315,9 +316,14 @@ def test_expert_and_demos_make_what_imitate_reads(tmp_path, tiny, monkeypatch, c
     assert [path.name for path in (tmp_path / "view").iterdir()] == ["episode.html"]
     assert run("view", tmp_path / "run", "--seed", 7) == 2
     assert "--seed 7: the run has seeds 0, 1" in capsys.readouterr().err
+    assert run("evaluate", tmp_path / "run", "--json", tmp_path) == 2
+    assert "cannot write" in capsys.readouterr().err
     # An imitator is no expert.
     assert run("demos", "pendulum", "--expert", tmp_path / "run", "--out", tmp_path / "no.npz") == 2
     assert "no expert of pendulum" in capsys.readouterr().err
+    shutil.rmtree(tmp_path / "run" / "checkpoints")
+    assert run("evaluate", tmp_path / "run") == 2
+    assert "has lost its last checkpoint" in capsys.readouterr().err
 
 
 def test_nan_stops_the_run_and_keeps_the_last_good_checkpoint(tmp_path, tiny, monkeypatch, capsys):
@@ -382,6 +388,8 @@ REFUSED = {
     "bench of bc": (["bench", "pendulum", "--method", "bc"], "not adversarial"),
     "evaluation of nothing": (["evaluate", "nowhere"], "no run's folder"),
     "view of nothing": (["view", "nowhere"], "no run's folder"),
+    "brackets": (["evaluate", "[/x]"], "[/x] is no run's folder"),
+    "snapshots of nothing": (["imitate", "pendulum", "--set", "snapshot_every=0"], "snapshot_every = 0"),
     "one episode": (["evaluate", "nowhere", "--episodes", "1"], "at least 2"),
     "missing demonstrations": (["imitate", "pendulum", "--demos", "nowhere.npz"], "is not there"),
 }

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import envs
+from envs.mjx_task import Camera
 from experiments.frames import HEIGHT, SHOTS, WIDTH, draw
 from experiments.scene import page, scene
 
@@ -36,11 +37,24 @@ def test_the_scene_is_the_models(task):
     bodies = [env.model.body(b).name for b in range(1, env.model.nbody)]
     moving = {name: shapes for name, shapes in shown["geoms"].items() if name != "world"}
     assert set(moving) == {bodies[shapes[0]["link_idx"]] for shapes in moving.values()}
-    # The camera looks at the body, or at the middle of the arena, from as far as the task says.
+    (body, shape), *_ = ((name, shapes[0]) for name, shapes in moving.items())
+    geom = env.model.body(body).geomadr[0]
+    for name in ("size", "pos"):
+        np.testing.assert_array_equal(shape[name], getattr(env.model, f"geom_{name}")[geom])
+    # The camera looks at the body where it starts, or at the middle of the arena.
     camera = shown["camera"]
-    away = np.subtract(camera["position"], camera["target"])
-    np.testing.assert_allclose(np.linalg.norm(away), env.camera.distance)
+    data.qpos[:] = qpos[0]
+    mujoco.mj_kinematics(env.model, data)
+    np.testing.assert_allclose(
+        camera["target"], data.xpos[1] if env.camera.follows else env.model.stat.center, atol=1e-4
+    )
     assert camera["follow"] == env.camera.follows
+
+
+def test_the_cameras_line_of_sight():
+    # From the side (azimuth 90 looks along y) and, at elevation -90, from above; MuJoCo's convention.
+    np.testing.assert_allclose(Camera(90, 0, 2, True).offset(), [0, -2, 0], atol=1e-9)
+    np.testing.assert_allclose(Camera(0, -90, 3, True).offset(), [0, 0, 3], atol=1e-9)
 
 
 def test_the_page_needs_no_network_and_every_name_that_it_imports_is_there():
@@ -74,6 +88,14 @@ def test_pictures_where_the_machine_can_draw(tmp_path):
     orange = (pixels[..., 0] - pixels[..., 2]) > 40
     assert orange[:HEIGHT, :WIDTH].any()  # a body is in the first frame
     assert image.open(movie).n_frames == 9
+
+
+def test_what_is_wrong_with_the_episode_is_no_matter_of_the_machine(tmp_path):
+    env, pictures = envs.make("pendulum"), (tmp_path / "frames.png", tmp_path / "episode.gif")
+    if draw(env, rolling(env), *pictures):
+        pytest.skip("no OpenGL here")
+    with pytest.raises(RuntimeError, match="drawing failed"):
+        draw(env, np.zeros((4, 7)), *pictures)
 
 
 def test_a_machine_that_cannot_draw_is_told(tmp_path, monkeypatch):
