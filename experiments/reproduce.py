@@ -98,7 +98,8 @@ def train(entry: Entry, job: Job, targets: dict[str, Target], out: Path, line: s
     else:
         rule, source, target = Rule.parse(entry.rule, job.recipe), targets[entry.task], targets[entry.target]
         summary = transfer.transfer(job, rule, source, target, out, line)
-    return {"row": job.row, "is_published": job.is_published, "settings": job.settings()} | summary
+    own = {"row": job.row, "is_published": job.is_published, "settings": job.settings()}
+    return own | summary | {"command": line}
 
 
 def show(experiment: str, rows: list[dict], tasks: tuple[str, ...]) -> None:
