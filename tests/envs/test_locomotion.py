@@ -178,6 +178,21 @@ def test_a_step_is_clipped_scored_and_never_the_last():
     assert (env.episode_length, once.done) == (500, 0.0)
 
 
+@pytest.mark.parametrize("task", ["ant", "half_cheetah", "swimmer"])
+def test_resets_are_spread_as_gymnasiums(task):
+    env = envs.make(task)
+    state = jax.vmap(env.reset)(jax.random.split(jax.random.PRNGKey(0), 2000)).pipeline_state
+    moved, qvel = np.asarray(state.qpos) - env.model.qpos0, np.asarray(state.qvel)
+    if task == "ant":  # whose quaternion is made one again
+        np.testing.assert_allclose(np.linalg.norm(state.qpos[:, 3:7], axis=1), 1, atol=1e-5)
+        moved = np.delete(moved, np.s_[3:7], axis=1)
+    np.testing.assert_allclose([moved.min(), moved.max()], [-0.1, 0.1], atol=1e-3)
+    np.testing.assert_allclose(moved.std(axis=0), 0.1 / np.sqrt(3), rtol=0.1)
+    uniform = task == "swimmer"  # of the others normal
+    np.testing.assert_allclose(qvel.std(axis=0), 0.1 / np.sqrt(3) if uniform else 0.1, rtol=0.1)
+    assert (np.abs(qvel).max() < 0.1001) == uniform
+
+
 @pytest.mark.parametrize("task", TASKS)
 def test_an_unknown_fidelity_is_answered_with_the_known(task):
     with pytest.raises(envs.TaskError, match="fidelity = 'quick': expected one of fast, exact"):
