@@ -193,7 +193,8 @@ def engines(job: Job, iterations: int, threads: int) -> dict[str, Callable[[], N
     def in_c() -> None:
         now = np.array(states)
         for _ in range(iterations):  # one at a time: it returns whole trajectories
-            now = np.array(pool.rollout(env.model, copies, now, actions)[0][:, -1])
+            trajectories, _ = pool.rollout(env.model, copies, now, actions)
+            now = np.asarray(trajectories)[:, -1].copy()
 
     return {
         "MJX": lambda: jax.block_until_ready(lanes.run(lanes.init(), iterations)[0]),
