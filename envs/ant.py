@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-import jax
 import jax.numpy as jnp
 import mujoco
 
@@ -189,11 +188,8 @@ class Ant(Locomotion):
         super().__init__(spec, frame_skip=5, fidelity=fidelity)
 
     def initial(self, rng):
-        position_rng, velocity_rng = jax.random.split(rng)
-        start = jnp.asarray(self.model.qpos0)
-        qpos = start + jax.random.uniform(position_rng, start.shape, minval=-0.1, maxval=0.1)
-        quaternion = qpos[3:7] / jnp.linalg.norm(qpos[3:7])
-        return qpos.at[3:7].set(quaternion), 0.1 * jax.random.normal(velocity_rng, (self.model.nv,))
+        qpos, qvel = super().initial(rng)
+        return qpos.at[3:7].set(qpos[3:7] / jnp.linalg.norm(qpos[3:7])), qvel
 
     def reward(self, physics, action, after):
         return super().reward(physics, action, after) - (after.qpos[2] < 0.2)

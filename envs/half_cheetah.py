@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
 import mujoco
 
 from envs.locomotion import Locomotion
@@ -124,9 +122,3 @@ class HalfCheetah(Locomotion):
 
     def __init__(self, fidelity: str = "fast"):
         super().__init__(mujoco.MjSpec.from_string(MJCF), frame_skip=5, fidelity=fidelity)
-
-    def initial(self, rng):
-        position_rng, velocity_rng = jax.random.split(rng)
-        start = jnp.asarray(self.model.qpos0)
-        qpos = start + jax.random.uniform(position_rng, start.shape, minval=-0.1, maxval=0.1)
-        return qpos, 0.1 * jax.random.normal(velocity_rng, (self.model.nv,))

@@ -49,6 +49,8 @@ class Locomotion(MjxTask):
 
     Reward: `(x after - x before) / dt - control_cost |action|^2`, x being position 0.
 
+    Start: positions uniform within 0.1 of the model's, velocities normal with std 0.1.
+
     MJX computes what the bodies do without constraints; `envs.floor` adds contacts and joint limits, since MJX's own
     take most of the time and differ from the C engine's where a capsule stands steep.
 
@@ -83,6 +85,12 @@ class Locomotion(MjxTask):
         self._damping = np.diag(model.opt.timestep * model.dof_damping)
         self._motors = np.zeros((model.nu, model.nv))
         self._motors[np.arange(model.nu), model.jnt_dofadr[model.actuator_trnid[:, 0]]] = model.actuator_gear[:, 0]
+
+    def initial(self, rng):
+        position_rng, velocity_rng = jax.random.split(rng)
+        start = jnp.asarray(self.model.qpos0)
+        qpos = start + jax.random.uniform(position_rng, start.shape, minval=-0.1, maxval=0.1)
+        return qpos, 0.1 * jax.random.normal(velocity_rng, (self.model.nv,))
 
     def referee(self):
         name, settings = self.gymnasium

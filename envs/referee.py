@@ -62,37 +62,35 @@ class GymnasiumReferee:
     """
 
     def __init__(self, name: str, spec: mujoco.MjSpec, bonus: float = 0.0, **settings: Any):
-        import gymnasium
-
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "model.xml"
             path.write_text(spec.to_xml(), encoding="utf-8")
-            self._env: Any = gymnasium.make(name, xml_file=str(path), **settings).unwrapped
+            self._make(name, bonus, xml_file=str(path), **settings)
+
+    def _make(self, name: str, bonus: float = 0.0, **settings: Any) -> None:
+        import gymnasium
+
+        self._env: Any = gymnasium.make(name, **settings).unwrapped
         self._bonus = bonus
 
     def start(self, qpos, qvel):
         self._env.reset()
-        self._env.set_state(np.asarray(qpos, float), np.asarray(qvel, float))
+        self._put(np.asarray(qpos, float), np.asarray(qvel, float))
         return self._env._get_obs()
+
+    def _put(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        self._env.set_state(qpos, qvel)
 
     def step(self, action):
         obs, reward, *_ = self._env.step(np.asarray(action))
         return obs, float(reward) - self._bonus
 
 
-class PendulumReferee:
+class PendulumReferee(GymnasiumReferee):
     """Gymnasium's Pendulum-v1, which integrates its equations itself."""
 
     def __init__(self):
-        import gymnasium
+        self._make("Pendulum-v1")
 
-        self._env: Any = gymnasium.make("Pendulum-v1").unwrapped
-
-    def start(self, qpos, qvel):
-        self._env.reset()
-        self._env.state = np.concatenate([qpos, qvel]).astype(float)
-        return self._env._get_obs()
-
-    def step(self, action):
-        obs, reward, *_ = self._env.step(np.asarray(action))
-        return obs, float(reward)
+    def _put(self, qpos, qvel):
+        self._env.state = np.concatenate([qpos, qvel])
