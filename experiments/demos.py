@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from eairl_jax import Demonstrations, InputError, demonstrations, evaluate
@@ -33,7 +32,7 @@ def command(task: str, expert: Path | None, episodes: int, seed: int, out: Path 
     }
 
     def act(obs, key):
-        return algorithm.act(jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), best.state), obs, key)
+        return algorithm.act(best.lane(0), obs, key)
 
     collect = jax.jit(lambda key: evaluate(key, env, act, episodes, env.episode_length)[1])
     demos = Demonstrations(**jax.tree.map(np.asarray, collect(jax.random.PRNGKey(DEMO_SEED + seed))))

@@ -77,9 +77,7 @@ def referee_returns(found: Policies, judge: MjxTask, episodes: int, sampled: boo
         return total
 
     keys = lane_keys(EVALUATE, found.seeds)
-    lanes = [jax.tree.map(lambda leaf, lane=lane: jax.numpy.asarray(leaf[lane]), found.state)
-             for lane in range(len(found.seeds))]  # fmt: skip
-    return np.stack([run(state, key) for state, key in zip(lanes, keys, strict=True)])
+    return np.stack([run(found.lane(lane), key) for lane, key in enumerate(keys)])
 
 
 def _difference(returns: dict[str, np.ndarray]) -> list[str]:

@@ -45,6 +45,10 @@ IMITATION: dict[tuple[str, str], Row] = {
 }
 
 
+# By the name of `eairl reproduce`'s experiment.
+TABLES = {"table1": TRANSFER, "table2": IMITATION}
+
+
 def row(table: dict[tuple[str, str], Row], task: str, name: str) -> Row | None:
     """The paper's figure for a task and a row, or None where it gives none. Both mazes are one task to it."""
     return table.get((task.removesuffix("_left").removesuffix("_right"), name))

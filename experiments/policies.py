@@ -39,6 +39,10 @@ class Policies:
     seeds: list[int]
     settings: dict
 
+    def lane(self, lane: int) -> PyTree:
+        """The state of one of them, as jax arrays."""
+        return jax.tree.map(lambda leaf: jax.numpy.asarray(leaf[lane]), self.state)
+
 
 def load(path: Path) -> Policies:
     """Reads the policies of an expert, of an imitation, or of a transfer (those kept of its restarts).

@@ -8,7 +8,6 @@ from pathlib import Path
 from experiments import paper, results
 
 README = Path("README.md")
-TABLES = {"table1": paper.TRANSFER, "table2": paper.IMITATION}
 
 
 def updated(text: str, folder: Path = results.FOLDER) -> str:
@@ -16,7 +15,8 @@ def updated(text: str, folder: Path = results.FOLDER) -> str:
 
     def fresh(found: re.Match) -> str:
         name = found[1]
-        return f"<!-- {name} -->\n{results.markdown(results.load(folder / f'{name}.json'), TABLES[name])}\n<!-- end -->"
+        tables = results.markdown(results.load(folder / f"{name}.json"), paper.TABLES[name])
+        return f"<!-- {name} -->\n{tables}\n<!-- end -->"
 
     return re.sub(r"<!-- (table\d) -->\n.*?<!-- end -->", fresh, text, flags=re.DOTALL)
 

@@ -104,7 +104,7 @@ def train(entry: Entry, job: Job, targets: dict[str, Target], out: Path, line: s
 
 def show(experiment: str, rows: list[dict], tasks: tuple[str, ...]) -> None:
     """Prints a table for every task, or pair of tasks."""
-    table = paper.TRANSFER if experiment == "table1" else paper.IMITATION
+    table = paper.TABLES[experiment]
     for (task, target), own in results.by_task(rows).items():
         if tasks and task not in tasks:
             continue

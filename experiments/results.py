@@ -8,6 +8,7 @@ import numpy as np
 
 from eairl_jax.artefact import read_json, write_json
 from experiments import paper
+from experiments.reference import Reference
 
 FOLDER = Path("experiments") / "results"
 NAMES = {
@@ -26,10 +27,8 @@ def load(path: Path) -> list[dict]:
 def add(path: Path, row: dict) -> None:
     """Puts a row into a results file, in the place of one of the same method, tasks and rule."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    rows = load(path)
-    same = [i for i, other in enumerate(rows) if _identity(other) == _identity(row)]
-    rows[same[0] if same else len(rows) : same[0] + 1 if same else len(rows)] = [row]
-    write_json(path, {"rows": rows})
+    rows = {_identity(each): each for each in (*load(path), row)}  # a key keeps the place where it first stood
+    write_json(path, {"rows": list(rows.values())})
 
 
 def by_task(rows: list[dict]) -> dict[tuple[str, str | None], list[dict]]:
@@ -57,27 +56,23 @@ def _markdown(task: str, target: str | None, rows: list[dict], table: dict) -> s
     rules = list(dict.fromkeys(row.get("rule", "") for row in rows))
     over = "`{}`" if target else "mean ± std"
     header = [f"{task} to {target}" if target else task, *(over.format(rule) for rule in rules), "normalized", "paper"]
-    published = paper.row(table, target or task, "expert")
-    first = rows[0]
+    published, first = paper.row(table, target or task, "expert"), rows[0]
+    known = Reference(first["expert"], first["random"])
     lines = [header, ["---"] * len(header), ["expert", f"{first['expert']:.2f}", *[""] * (len(rules) - 1), "1",
              paper.show(published)]]  # fmt: skip
     if target:
         lines.append(["ceiling", _show(first["ceiling"]), *[""] * (len(rules) - 1),
-                      f"{_normalized(first, first['ceiling']):.3f}", ""])  # fmt: skip
+                      f"{known.normalized(np.mean(first['ceiling'])):.3f}", ""])  # fmt: skip
     for name in dict.fromkeys(row["row"] for row in rows):
         own = {row.get("rule", ""): row for row in rows if row["row"] == name}
         any_row = next(iter(own.values()))
         cells = [_show(own[rule]["returns"]) if rule in own else "" for rule in rules]
         normalized = " / ".join(f"{own[rule]['normalized']:.3f}" for rule in rules if rule in own)
-        known = paper.row(table, target or task, any_row["method"]) if any_row["is_published"] else None
-        lines.append([NAMES.get(name, name), *cells, normalized, paper.show(known) if known else ""])
+        published = paper.row(table, target or task, any_row["method"]) if any_row["is_published"] else None
+        lines.append([NAMES.get(name, name), *cells, normalized, paper.show(published) if published else ""])
     lines.append(["random actions", f"{first['random']:.2f}", *[""] * (len(rules) - 1), "0", ""])
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
-def _normalized(row: dict, returns: list[float]) -> float:
-    return float((np.mean(returns) - row["random"]) / (row["expert"] - row["random"]))
-
-
 def _show(returns: list[float]) -> str:
-    return f"{np.mean(returns):.2f} ± {np.std(returns):.2f}"
+    return paper.show((float(np.mean(returns)), float(np.std(returns))))

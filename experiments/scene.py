@@ -93,9 +93,8 @@ def _modules() -> dict:
     import brax
 
     folder = files(brax) / "visualizer" / "js"
-    code = {
-        f"brax/{name}": (folder / f"{name}.js").read_text() for name in ("viewer", "animator", "selector", "system")
-    }
+    theirs = ("viewer", "animator", "selector", "system")
+    code = {f"brax/{name}": (folder / f"{name}.js").read_text(encoding="utf-8") for name in theirs}
     code = {name: re.sub(r"from '\./(\w+)\.js'", r"from 'brax/\1'", text) for name, text in code.items()}
     ours = {"three/addons/controls/OrbitControls.js": "controls.js", "lilgui": "gui.js"}
     code |= {name: (_ours() / file).read_text(encoding="utf-8") for name, file in ours.items()}

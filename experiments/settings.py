@@ -64,19 +64,19 @@ MAZE = {
 # The ant learns by large batches (6,400 steps) and a policy of some width, but not of any. Half the batch with a higher
 # rate settled for a slow gait (600 after 5M steps, std 0.1); a larger entropy weight (0.01) and a wider bound drove the
 # std to 1.2, where actions are clipped and noise is free (750 after 8M steps).
-WALK = dict(policy_lr=1e-3, policy_lr_end=0.1, gamma=0.995, entropy_weight=0.003, entropy_end=0.0, log_std_max=0.0,
+WALK = dict(policy_lr=1e-3, gamma=0.995, entropy_weight=0.003, log_std_max=0.0,
             policy_hidden=(64, 64), ppo_epochs=6, snapshot_every=50)  # fmt: skip
 WALKER = {
     "all": dict(num_envs=128, rollout_length=50, ppo_minibatches=16),
     "imitate": dict(iterations=400),  # 2.56M steps, as in the paper's release
     "reward": dict(iterations=400),
-    "retrain": WALK | dict(gae_lambda=0.95, std_end=1.0, log_std_init=-0.5, ppo_minibatches=16, iterations=1250,
+    "retrain": WALK | dict(gae_lambda=0.95, std_end=1.0, log_std_init=-0.5, iterations=1250,
                            restarts=1),
 }  # fmt: skip
-ANT = WALKER | {"expert": WALK | dict(ppo_minibatches=16, iterations=3000)}
+ANT = WALKER | {"expert": WALK | dict(iterations=3000)}
 # The crippled ant wants just that noise: 550 after 8M steps, where the ant's settings stop at 350 (3M steps).
 CRIPPLED_ANT = WALKER | {
-    "expert": WALK | dict(entropy_weight=0.01, log_std_max=0.5, ppo_minibatches=16, iterations=1250),
+    "expert": WALK | dict(entropy_weight=0.01, log_std_max=0.5, iterations=1250),
 }
 HALF_CHEETAH = WALKER | {
     "expert": WALK | dict(num_envs=64, policy_lr=1.5e-3, entropy_weight=0.002, log_std_max=0.5, ppo_epochs=8,
@@ -85,11 +85,11 @@ HALF_CHEETAH = WALKER | {
 # A swimmer that looks 1000 steps ahead (gamma 0.999) stops at 35: what a stroke wins comes back much later.
 SWIMMER = {
     "all": dict(num_envs=32, rollout_length=250, ppo_minibatches=16, gamma=0.9999, gae_lambda=0.98),
-    "expert": dict(policy_lr=1e-3, ppo_minibatches=16),
+    "expert": dict(policy_lr=1e-3),
     "imitate": dict(iterations=320),  # 2.56M steps, as in the paper's release
     "reward": dict(iterations=320),
-    "retrain": dict(policy_lr=1e-3, gamma=0.9999, gae_lambda=0.98, std_end=1.0, log_std_init=-0.5, log_std_max=1.0,
-                    ppo_epochs=8, ppo_minibatches=16, iterations=200, restarts=1),
+    "retrain": dict(policy_lr=1e-3, std_end=1.0, log_std_init=-0.5, log_std_max=1.0,
+                    ppo_epochs=8, iterations=200, restarts=1),
 }  # fmt: skip
 
 # One iteration of a maze is 32 whole episodes, of the pendulum the paper's 2,000 steps.

@@ -46,7 +46,7 @@ def command(run: Path, seed: int | None, out: Path | None) -> None:
 def episode(found: Policies, lane: int) -> tuple[np.ndarray, float]:
     """Positions `[T + 1, nq]` of an episode of the sampled policy, start included, and its true return."""
     env, algorithm = found.env, found.algorithm
-    state = jax.tree.map(lambda leaf: jax.numpy.asarray(leaf[lane]), found.state)
+    state = found.lane(lane)
 
     @jax.jit
     def play(key):
