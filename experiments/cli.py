@@ -167,8 +167,9 @@ class Transfer:
     rule: Annotated[
         tuple[str, ...],
         arg(metavar="RULE", help="Which iteration's reward is taken: last, iteration=N, or source_retrain (retrain on "
-            "every kept snapshot in SOURCE and take the best by SOURCE's true return). None looks at TARGET. Several "
-            "give several rows, from one learning."),
+            "every kept snapshot in SOURCE and take the best by SOURCE's true return). To compare with: random (the "
+            "reward before learning) and policy (no reward: the imitating policy as it is). None looks at TARGET. "
+            "Several give several rows, from one learning."),
     ] = ("source_retrain",)  # fmt: skip
     optimizer: Optimizer = "ppo"
     demos: Demos = None
@@ -198,13 +199,16 @@ class Transfer:
 
 @dataclass
 class Reproduce:
-    """Train the paper's tables, or go on with them: what is missing is trained, what is there is kept.
+    """Train the paper's tables and figures, or go on with them: what is missing is trained, what is there is kept.
 
     20 demonstrations, the last iteration's reward (and `source_retrain`), no selection on a target task, seeds that no
     setting was found with. Results are written after every row.
     """
 
-    name: Annotated[Positional[Literal["table1", "table2", "all"]], arg(help="Reward transfer, imitation, or both.")]
+    name: Annotated[
+        Positional[Literal["table1", "table2", "figure2", "appendix-c", "ablations", "all"]],
+        arg(help="Reward transfer, imitation, curves of transfer, paths and gaits, EAIRL with one setting changed."),
+    ]
     quick: bool = False
     """A small version, in minutes and by the same code: two seeds, 20 iterations, pendulum and mazes."""
     seeds: Seeds = 5
@@ -217,6 +221,20 @@ class Reproduce:
         from experiments import reproduce
 
         reproduce.command(self.name, self.quick, self.seeds, self.task, self.out, self.results, line)
+
+
+@dataclass
+class Report:
+    """Show what was reproduced: one web page of all results, the paper's beside them. It needs no network."""
+
+    results: Annotated[Path | None, arg(metavar="DIR", help="The results of `eairl reproduce`. Default: "
+                                        "experiments/results.")] = None  # fmt: skip
+    out: Annotated[Path | None, arg(metavar="FILE", help="Where to write. Default: runs/report.html.")] = None
+
+    def run(self, line: str) -> None:
+        from experiments import report
+
+        report.command(self.results, self.out)
 
 
 @dataclass
@@ -289,6 +307,7 @@ Command = (
     | Annotated[Sweep, subcommand("sweep")]
     | Annotated[Transfer, subcommand("transfer")]
     | Annotated[Reproduce, subcommand("reproduce")]
+    | Annotated[Report, subcommand("report")]
     | Annotated[Evaluate, subcommand("evaluate")]
     | Annotated[View, subcommand("view")]
     | Annotated[Bench, subcommand("bench")]

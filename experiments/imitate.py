@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,12 +47,15 @@ class Job:
     demos_path: Path
     reference: Reference
     seeds: range
+    variant: str = ""
+    """Tells the row from one of the same method and form with other settings."""
 
     @property
     def row(self) -> str:
-        """The row's name: "eairl-separable"; of a method without a reward its own."""
+        """The row's name: "eairl-separable", "eairl-sa+lambda_i=0"; of a method without a reward the method's."""
         method = self.recipe.config.method
-        return f"{method}-{resolve(self.recipe.config).reward_form}" if self.has_reward else method
+        row = f"{method}-{resolve(self.recipe.config).reward_form}" if self.has_reward else method
+        return f"{row}+{self.variant}" if self.variant else row
 
     @property
     def has_reward(self) -> bool:
@@ -60,9 +64,9 @@ class Job:
 
     @property
     def is_published(self) -> bool:
-        """Whether the row has the method's own reward form, the one that the paper's row has."""
+        """Whether the row is the method as the paper has it: its own settings and reward form."""
         row = METHODS.get(self.recipe.config.method)
-        return row is None or resolve(self.recipe.config).reward_form == row.reward_form
+        return not self.variant and (row is None or resolve(self.recipe.config).reward_form == row.reward_form)
 
     def settings(self) -> dict:
         """What makes this run this run."""
@@ -110,17 +114,28 @@ def learn(folder: Folder, job: Job, points: list[dict[str, float]] | None = None
     Returns:
       The algorithm and the final state `[points * seeds, ...]`, the seeds of one point beside each other.
     """
-    algorithm, points = algorithms.make(job.env, job.recipe.config), points or [{}]
+    points = points or [{}]
     labels = [{"seed": seed} | point for point in points for seed in job.seeds]
     swept = {name: np.array([label[name] for label in labels], np.float32) for name in points[0]}
-    keys = lane_keys(LEARN, [label["seed"] for label in labels])
-    lanes = Lanes(algorithm, keys, dataclasses.replace(job.recipe.hparams, **swept), job.demos)
+    algorithm, lanes = _lanes(job, [label["seed"] for label in labels], swept)
 
     def keep(iteration: int, state: PyTree) -> None:
         save_reward(snapshot_path(folder, iteration), describe(job, learned_reward(state), [iteration] * len(labels)))
 
     title, kept = f"{job.row} in {job.task}", keep if job.has_reward and len(points) == 1 else None
     return algorithm, train(folder, title, lanes, job.recipe, labels, kept)
+
+
+def untrained(job: Job) -> PyTree:
+    """The rewards `[seeds, ...]` before the first iteration: networks at random."""
+    _, lanes = _lanes(job, job.seeds, {})
+    return learned_reward(lanes.take(lanes.init()))
+
+
+def _lanes(job: Job, seeds: Sequence[int], swept: dict[str, np.ndarray]) -> tuple[Algorithm, Lanes]:
+    algorithm = algorithms.make(job.env, job.recipe.config)
+    hparams = dataclasses.replace(job.recipe.hparams, **swept)
+    return algorithm, Lanes(algorithm, lane_keys(LEARN, seeds), hparams, job.demos)
 
 
 def snapshot_path(folder: Folder, iteration: int) -> Path:

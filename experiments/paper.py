@@ -46,7 +46,7 @@ IMITATION: dict[tuple[str, str], Row] = {
 
 
 # By the name of `eairl reproduce`'s experiment.
-TABLES = {"table1": TRANSFER, "table2": IMITATION}
+TABLES = {"table1": TRANSFER, "table2": IMITATION, "ablations": TRANSFER}
 
 
 def row(table: dict[tuple[str, str], Row], task: str, name: str) -> Row | None:

@@ -11,14 +11,14 @@ README = Path("README.md")
 
 
 def updated(text: str, folder: Path = results.FOLDER) -> str:
-    """The README with a fresh table between `<!-- NAME -->` and `<!-- end -->`, for every results file named so."""
+    """The README with fresh tables between `<!-- NAME -->` and `<!-- end -->`, for every results file named so."""
 
     def fresh(found: re.Match) -> str:
         name = found[1]
-        tables = results.markdown(results.load(folder / f"{name}.json"), paper.TABLES[name])
-        return f"<!-- {name} -->\n{tables}\n<!-- end -->"
+        tables = results.tables(results.load(folder / f"{name}.json"), paper.TABLES[name])
+        return "\n".join([f"<!-- {name} -->", "\n\n".join(map(results.markdown, tables)), "<!-- end -->"])
 
-    return re.sub(r"<!-- (table\d) -->\n.*?<!-- end -->", fresh, text, flags=re.DOTALL)
+    return re.sub(rf"<!-- ({'|'.join(paper.TABLES)}) -->\n.*?<!-- end -->", fresh, text, flags=re.DOTALL)
 
 
 if __name__ == "__main__":

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from eairl_jax import InputError
-from experiments import imitate, paper, results, transfer
-from experiments.folder import machine
+from eairl_jax.methods import METHODS
+from experiments import closeness, figures, imitate, paper, results, transfer
+from experiments.folder import Folder, machine
 from experiments.imitate import Job
-from experiments.retrain import Target, as_target
+from experiments.retrain import Target, as_target, kept_curves
 from experiments.rules import Rule
 from experiments.settings import make_env
 from experiments.summary import Row, print_table
@@ -19,17 +21,39 @@ from experiments.training import RUNS, say
 
 FIRST_SEED = 20  # those below were seen while the settings were found
 QUICK_ITERATIONS, QUICK_SEEDS = 20, 2
+CURVE_POINTS = 50
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One score of a table: a method that imitates `task` or, if there is a target, whose reward is moved to it."""
+    """One score of a table: a method that imitates `task` or, if there is a target, whose reward is moved to it.
+
+    Attributes:
+      target: the task itself asks for a fresh policy on the learned reward where it was learned.
+      settings: `name=value` that differ from the recipe.
+      variant: what tells the row from the method's own; the settings, unless told.
+    """
 
     task: str
     method: str
     form: str = "default"
     target: str | None = None
     rule: str = "last"
+    settings: tuple[str, ...] = ()
+    variant: str = ""
+
+    @property
+    def row(self) -> str:
+        """The name of its row, `Job.row`."""
+        form = METHODS[self.method].reward_form if self.method in METHODS else ""
+        own = f"{self.method}-{self.form.replace('default', form)}" if form else self.method
+        variant = self.variant or "+".join(self.settings)
+        return f"{own}+{variant}" if variant else own
+
+    @property
+    def identity(self) -> tuple:
+        """That of its row in the results."""
+        return self.row, self.task, self.target, self.rule if self.target else None
 
     @property
     def purpose(self) -> str:
@@ -37,26 +61,60 @@ class Entry:
         return "reward" if self.target else "imitate"
 
 
-PAIRS = (("point_maze_left", "point_maze_right"), ("point_maze_right", "point_maze_left"), ("ant", "crippled_ant"))
+MAZES = (("point_maze_left", "point_maze_right"), ("point_maze_right", "point_maze_left"))
+ANTS = ("ant", "crippled_ant")
 # The paper's rows, the authors' variant, and two rows of our own.
 MOVED = (("airl_s", "default"), ("airl_sa", "default"), ("eairl", "default"), ("eairl_release", "default"),
          ("airl_sa", "separable"), ("eairl", "separable"))  # fmt: skip
 IMITATED = ("pendulum", "swimmer", "half_cheetah", "ant")
 IMITATORS = ("bc", "gail", "gan_gcl", "airl_s", "airl_sa", "eairl", "eairl_release")
+ABLATIONS = (("shaping=none",), ("shaping=learned",), ("lambda_i=0",), ("lambda_i=0.001",), ("lambda_i=0.1",),
+             ("l_i_actions=drawn",), ("history_length=1",))  # fmt: skip
+
+
+def _moved(pair: tuple[str, str]) -> list[Entry]:
+    source, target = pair
+    rows = [Entry(source, method, form, target, rule) for method, form in MOVED for rule in ("last", "source_retrain")]
+    rows += [Entry(source, method, form, target, "policy") for method, form in MOVED]
+    return [*rows, Entry(source, "eairl", "default", target, "random")]
+
+
+def _back_home(pair: tuple[str, str]) -> list[Entry]:
+    return [Entry(pair[0], method, form, pair[0]) for method, form in MOVED]
+
+
+def _picked_on_the_target(pair: tuple[str, str], kept: tuple[int, ...]) -> list[Entry]:
+    """What the release's protocol chooses from: it takes the iteration that scores best in the target."""
+    return [Entry(pair[0], "eairl", "default", pair[1], f"iteration={iteration}") for iteration in kept]
+
+
+def _ablated(pair: tuple[str, str]) -> list[Entry]:
+    """The paper's EAIRL and the separable row with one setting changed; the state-only reward with empowerment."""
+    rows = [Entry(pair[0], "eairl", form, pair[1], settings=settings)
+            for form in ("default", "separable") for settings in ABLATIONS]  # fmt: skip
+    return [*rows, Entry(pair[0], "eairl", "separable", pair[1], settings=("lambda_i=1",)),
+            Entry(pair[0], "eairl", "s", pair[1])]  # fmt: skip
+
 
 # Cheapest first.
 EXPERIMENTS: dict[str, list[Entry]] = {
-    "table1": [Entry(source, method, form, target, rule) for source, target in PAIRS for method, form in MOVED
-               for rule in ("last", "source_retrain")],
+    "table1": [
+        *(entry for pair in MAZES for rows in (_moved(pair), _back_home(pair), _picked_on_the_target(pair, (40, 80)))
+          for entry in rows),
+        *_moved(ANTS),
+    ],
     "table2": [Entry(task, method) for task in IMITATED for method in IMITATORS],
+    "ablations": _ablated(MAZES[0]),
 }  # fmt: skip
-QUICK_TASKS = ("pendulum", "point_maze_left", "point_maze_right")
+# What is drawn of an experiment's results.
+FIGURES = {"figure2": "table1", "appendix-c": "table1"}
+QUICK_TASKS = ("pendulum", "point_maze_left")
 
 
 def command(name: str, quick: bool, seeds: int, tasks: tuple[str, ...], out: Path | None, folder: Path | None,
             line: str) -> None:  # fmt: skip
     """Runs the experiments of a name, writes `NAME.json` after every row, and prints their tables."""
-    wanted = list(EXPERIMENTS) if name == "all" else [name]
+    wanted = list(EXPERIMENTS) if name == "all" else [FIGURES.get(name, name)]
     tasks = tasks or (QUICK_TASKS if quick else ())
     known = {entry.task for experiment in wanted for entry in EXPERIMENTS[experiment]}
     unknown = set(tasks) - known - set(QUICK_TASKS if quick else ())
@@ -65,7 +123,7 @@ def command(name: str, quick: bool, seeds: int, tasks: tuple[str, ...], out: Pat
     out = out or RUNS / ("reproduce-quick" if quick else "reproduce")
     folder = folder or (out if quick else results.FOLDER)
     seeds = QUICK_SEEDS if quick else seeds
-    plan = {experiment: [entry for entry in EXPERIMENTS[experiment] if not tasks or entry.task in tasks]
+    plan = {experiment: [entry for entry in EXPERIMENTS[experiment] if is_wanted(entry, tasks, quick)]
             for experiment in wanted}  # fmt: skip
     # Everything is checked before anything is trained.
     jobs = {entry: prepare(entry, seeds, quick) for entries in plan.values() for entry in entries}
@@ -77,6 +135,14 @@ def command(name: str, quick: bool, seeds: int, tasks: tuple[str, ...], out: Pat
             results.add(folder / f"{experiment}.json", row | {"machine": machine()})
         show(experiment, results.load(folder / f"{experiment}.json"), tasks)
         say(f"every seed, setting and budget: {folder}/{experiment}.json")
+    for figure, experiment in FIGURES.items():
+        if name in ("all", figure):
+            figures.DRAWN[figure](results.load(folder / f"{experiment}.json"), out, folder, tasks)
+
+
+def is_wanted(entry: Entry, tasks: tuple[str, ...], quick: bool) -> bool:
+    """Whether an entry is one of the tasks asked for; a quick run is too short for rules of later iterations."""
+    return (not tasks or entry.task in tasks) and not (quick and entry.rule.startswith("iteration="))
 
 
 def short(quick: bool) -> tuple[str, ...]:
@@ -87,19 +153,37 @@ def short(quick: bool) -> tuple[str, ...]:
 def prepare(entry: Entry, seeds: int, quick: bool) -> Job:
     """Checks an entry and makes it ready to train."""
     (job,) = imitate.prepare(entry.task, (entry.method,), (entry.form,), range(FIRST_SEED, FIRST_SEED + seeds), None,
-                             entry.purpose, short(quick))  # fmt: skip
-    return job
+                             entry.purpose, (*entry.settings, *short(quick)))  # fmt: skip
+    return dataclasses.replace(job, variant=entry.row.partition("+")[2])
 
 
 def train(entry: Entry, job: Job, targets: dict[str, Target], out: Path, line: str) -> dict:
     """Trains an entry, or goes on with it; returns its row of the results."""
+    own = {"row": job.row, "is_published": job.is_published, "settings": job.settings()}
     if entry.target is None:
-        summary = imitate.imitate(job, out / f"imitate-{job.task}-{job.row}", line)
+        where = out / f"imitate-{job.task}-{job.row}"
+        summary = imitate.imitate(job, where, line)
+        curves, steps = Folder(where, job.settings()).curve("true_return", len(job.seeds)), job.recipe.config
     else:
         rule, source, target = Rule.parse(entry.rule, job.recipe), targets[entry.task], targets[entry.target]
         summary = transfer.transfer(job, rule, source, target, out, line)
-    own = {"row": job.row, "is_published": job.is_published, "settings": job.settings()}
-    return own | summary | {"command": line}
+        folder = transfer.folder_of(job, rule, target, out)
+        if rule.kind == "policy":
+            return own | summary | {"command": line}
+        curves, steps = kept_curves(folder, target, len(job.seeds)), target.recipe.config
+        if rule.kind == "last" and entry.task != entry.target:
+            own["closeness"] = closeness.of_transfer(folder, transfer.learning_of(job, out), job, target)
+    return own | summary | {"command": line} | thinned(curves, steps.steps_per_iteration)
+
+
+def thinned(curves: np.ndarray, steps_per_iteration: int) -> dict:
+    """Curves `[seeds, iterations]` as at most `CURVE_POINTS` means over as many iterations each, for the results."""
+    points = next((n for n in range(CURVE_POINTS, 0, -1) if curves.shape[1] % n == 0), 1)
+    each = curves.shape[1] // points
+    means = np.ma.masked_invalid(curves.reshape(len(curves), points, each)).mean(axis=2)
+    steps = (1 + np.arange(points)) * each * steps_per_iteration
+    values = [[None if np.ma.is_masked(value) else round(float(value), 3) for value in lane] for lane in means]
+    return {"curve": {"env_steps": steps.tolist(), "true_return": values}}
 
 
 def show(experiment: str, rows: list[dict], tasks: tuple[str, ...]) -> None:

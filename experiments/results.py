@@ -1,8 +1,9 @@
-"""Results of experiments on disk, and the tables that the README shows of them."""
+"""Results of experiments on disk, and the tables that the README and the report show of them."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,11 +13,17 @@ from experiments.reference import Reference
 
 FOLDER = Path("experiments") / "results"
 NAMES = {
-    "bc": "behaviour cloning", "gail": "GAIL", "gan_gcl": "GAN-GCL", "airl_s-s": "AIRL(s)",
+    "bc": "behaviour cloning", "gail-sa": "GAIL", "gan_gcl-sa": "GAN-GCL", "airl_s-s": "AIRL(s)",
     "airl_sa-sa": "AIRL(s,a)", "eairl-sa": "EAIRL", "eairl_release-sa": "EAIRL (release)",
-    "airl_sa-separable": "AIRL, separable", "eairl-separable": "EAIRL, separable", "gail-sa": "GAIL",
-    "gan_gcl-sa": "GAN-GCL",
+    "airl_sa-separable": "AIRL, separable", "eairl-separable": "EAIRL, separable", "eairl-s": "EAIRL(s)",
 }  # fmt: skip
+# One colour for each row, in every figure.
+COLORS = {
+    "eairl-sa": "C0", "airl_s-s": "C1", "eairl-separable": "C2", "airl_sa-sa": "C3", "airl_sa-separable": "C4",
+    "eairl_release-sa": "C5", "gan_gcl-sa": "C6", "bc": "C7", "gail-sa": "C8", "eairl-s": "C9",
+}  # fmt: skip
+RULES = ("last", "source_retrain", "policy")  # a column each
+HOME = "back in the source"  # the column of rewards that are retrained where they were learned
 
 
 def load(path: Path) -> list[dict]:
@@ -27,8 +34,24 @@ def load(path: Path) -> list[dict]:
 def add(path: Path, row: dict) -> None:
     """Puts a row into a results file, in the place of one of the same method, tasks and rule."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    rows = {_identity(each): each for each in (*load(path), row)}  # a key keeps the place where it first stood
+    rows = {identity(each): each for each in (*load(path), row)}  # a key keeps the place where it first stood
     write_json(path, {"rows": list(rows.values())})
+
+
+def identity(row: dict) -> tuple[str, str, str | None, str | None]:
+    """What tells a row from every other of its experiment."""
+    return row["row"], row["task"], row["target"], row.get("rule")
+
+
+def name(row: str) -> str:
+    """How a row is called in tables: "EAIRL, lambda_i=0" of "eairl-sa+lambda_i=0"."""
+    own, *variant = row.split("+")
+    return ", ".join([NAMES.get(own, own), *variant])
+
+
+def color(row: str) -> str:
+    """The colour of a row and of its variants."""
+    return COLORS.get(row.split("+")[0], "black")
 
 
 def by_task(rows: list[dict]) -> dict[tuple[str, str | None], list[dict]]:
@@ -39,39 +62,126 @@ def by_task(rows: list[dict]) -> dict[tuple[str, str | None], list[dict]]:
     return grouped
 
 
-def markdown(rows: list[dict], table: dict) -> str:
-    """The tables of results, one for every task or pair of tasks.
+def moved(rows: list[dict]) -> list[dict]:
+    """Those whose reward went to another task."""
+    return [row for row in rows if row["target"] and row["target"] != row["task"]]
+
+
+def normalized(row: dict) -> np.ndarray:
+    """Each seed's score `[seeds]`: 0 for random actions, 1 for the expert."""
+    return (np.array(row["returns"]) - row["random"]) / (row["expert"] - row["random"])
+
+
+def picked_on_the_target(rows: list[dict]) -> dict | None:
+    """The row that the release's protocol takes: the iteration of EAIRL's reward that scores best *in the target*."""
+    tried = [row for row in rows if row["row"] == "eairl-sa" and row["rule"].startswith(("iteration=", "last"))]
+    return max(tried, key=lambda row: row["mean"]) if len(tried) > 1 else None
+
+
+class Cell(NamedTuple):
+    """A figure and the paper's: as text, and as a share of the way from random actions to the expert."""
+
+    ours: str = ""
+    share: float | None = None
+    published: str = ""
+    published_share: float | None = None
+
+
+class Table(NamedTuple):
+    """A table: `lines` hold a name and a cell for each column, or fewer."""
+
+    title: str
+    columns: list[str]
+    lines: list[tuple[str, list[Cell]]]
+
+    def has_paper(self, column: int) -> bool:
+        """Whether the paper has any figure for a column."""
+        return any(len(cells) > column and cells[column].published for _, cells in self.lines)
+
+
+def cell(row: dict | None, table: dict) -> Cell:
+    """The cell of a row of the results; an empty one if there is none."""
+    if row is None:
+        return Cell()
+    task = row["target"] or row["task"]
+    ours, published = _show(row["returns"]), paper.row(table, task, row["method"]) if row["is_published"] else None
+    expert = paper.row(table, task, "expert")
+    if published is None or expert is None:
+        return Cell(ours, row["normalized"])
+    # What random actions score in the paper's tasks is not known: ours stand in for them.
+    return Cell(ours, row["normalized"], paper.show(published),
+                Reference(expert[0], row["random"]).normalized(published[0]))  # fmt: skip
+
+
+def tables(rows: list[dict], table: dict) -> list[Table]:
+    """Those of an experiment: one of all imitations, and one for each pair of tasks.
 
     Args:
       table: the paper's figures, `paper.TRANSFER` or `paper.IMITATION`.
     """
-    return "\n\n".join(_markdown(task, target, own, table) for (task, target), own in by_task(rows).items())
+    imitations = [row for row in rows if row["target"] is None]
+    pairs = by_task(moved(rows)).values()
+    return [*([_imitation(imitations, table)] if imitations else []), *(_transfer(own, rows, table) for own in pairs)]
 
 
-def _identity(row: dict) -> tuple:
-    return row["row"], row["task"], row["target"], row.get("rule")
+def _imitation(rows: list[dict], table: dict) -> Table:
+    own = {(row["row"], row["task"]): row for row in rows}
+    tasks, names = (list(dict.fromkeys(row[key] for row in rows)) for key in ("task", "row"))
+    first = [next(row for row in rows if row["task"] == task) for task in tasks]
+    return Table("imitation", tasks, [
+        ("expert", [_expert(row, table) for row in first]),
+        *((name(each), [cell(own.get((each, task)), table) for task in tasks]) for each in names),
+        ("random actions", [_random(row) for row in first]),
+    ])  # fmt: skip
 
 
-def _markdown(task: str, target: str | None, rows: list[dict], table: dict) -> str:
-    rules = list(dict.fromkeys(row.get("rule", "") for row in rows))
-    over = "`{}`" if target else "mean ± std"
-    header = [f"{task} to {target}" if target else task, *(over.format(rule) for rule in rules), "normalized", "paper"]
-    published, first = paper.row(table, target or task, "expert"), rows[0]
-    known = Reference(first["expert"], first["random"])
-    lines = [header, ["---"] * len(header), ["expert", f"{first['expert']:.2f}", *[""] * (len(rules) - 1), "1",
-             paper.show(published)]]  # fmt: skip
-    if target:
-        lines.append(["ceiling", _show(first["ceiling"]), *[""] * (len(rules) - 1),
-                      f"{known.normalized(np.mean(first['ceiling'])):.3f}", ""])  # fmt: skip
-    for name in dict.fromkeys(row["row"] for row in rows):
-        own = {row.get("rule", ""): row for row in rows if row["row"] == name}
-        any_row = next(iter(own.values()))
-        cells = [_show(own[rule]["returns"]) if rule in own else "" for rule in rules]
-        normalized = " / ".join(f"{own[rule]['normalized']:.3f}" for rule in rules if rule in own)
-        published = paper.row(table, target or task, any_row["method"]) if any_row["is_published"] else None
-        lines.append([NAMES.get(name, name), *cells, normalized, paper.show(published) if published else ""])
-    lines.append(["random actions", f"{first['random']:.2f}", *[""] * (len(rules) - 1), "0", ""])
+def _transfer(rows: list[dict], everything: list[dict], table: dict) -> Table:
+    first, own = rows[0], {(row["row"], row["rule"]): row for row in rows}
+    own |= {(row["row"], HOME): row for row in everything if row["task"] == row["target"] == first["task"]}
+    columns = [rule for rule in (*RULES, HOME) if any(rule == used for _, used in own)]
+    best = Reference(first["expert"], first["random"]).normalized(float(np.mean(first["ceiling"])))
+    lines = [("expert", [_expert(first, table)]), ("ceiling", [Cell(_show(first["ceiling"]), best)])]
+    for each in dict.fromkeys(row["row"] for row in rows if row["rule"] in RULES):
+        cells = [cell(own.get((each, rule)), table if rule == "last" else {}) for rule in columns]
+        lines.append((name(each), cells))
+    picked = picked_on_the_target(rows)
+    if picked:
+        lines.append(("EAIRL, iteration picked by its score in the target", [cell(picked, {})]))
+    lines += [("random reward", [cell(row, {})]) for row in rows if row["rule"] == "random"]
+    return Table(f"{first['task']} to {first['target']}", columns, [*lines, ("random actions", [_random(first)])])
+
+
+def _expert(row: dict, table: dict) -> Cell:
+    published = paper.row(table, row["target"] or row["task"], "expert")
+    return Cell(f"{row['expert']:.2f}", 1.0, *((paper.show(published), 1.0) if published else ()))
+
+
+def _random(row: dict) -> Cell:
+    return Cell(f"{row['random']:.2f}", 0.0)
+
+
+def markdown(table: Table) -> str:
+    """A table as Markdown: every figure with its share, the paper's column beside ours where it has one."""
+    with_paper = [table.has_paper(column) for column in range(len(table.columns))]
+
+    def line(cells: list[Cell]) -> list[str]:
+        padded = [*cells, *[Cell()] * (len(table.columns) - len(cells))]
+        return [text for each, also in zip(padded, with_paper, strict=True)
+                for text in (_with_share(each.ours, each.share),
+                             *([_with_share(each.published, each.published_share)] if also else []))]  # fmt: skip
+
+    titles = [text for column, also in zip(table.columns, with_paper, strict=True)
+              for text in (column, *(["paper"] if also else []))]  # fmt: skip
+    lines = [
+        [table.title, *titles],
+        ["---"] * (1 + len(titles)),
+        *([each, *line(cells)] for each, cells in table.lines),
+    ]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+
+
+def _with_share(figure: str, share: float | None) -> str:
+    return f"{figure} ({share:.2f})" if figure else ""
 
 
 def _show(returns: list[float]) -> str:

@@ -91,7 +91,13 @@ def score(
     algorithm, state = retrain(folder, title, target, reward, params, labels, RETRAIN)
     kept = best_restarts(folder, target.recipe.restarts, len(seeds))
     returns = final_returns(target.env, algorithm, take_rows(state, kept), seeds).mean(axis=1)
-    return folder.curve("true_return", len(labels))[kept], returns
+    return kept_curves(folder, target, len(seeds)), returns
+
+
+def kept_curves(folder: Folder, target: Target, seeds: int) -> np.ndarray:
+    """True returns `[seeds, iterations]` of the kept policies while they were trained."""
+    restarts = target.recipe.restarts
+    return folder.curve("true_return", restarts * seeds)[best_restarts(folder, restarts, seeds)]
 
 
 def best_restarts(folder: Folder, restarts: int, seeds: int) -> np.ndarray:

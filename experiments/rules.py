@@ -1,4 +1,4 @@
-"""Which iteration's reward is taken. No rule looks at the target task."""
+"""Which iteration's reward is put to use. No rule looks at the target task."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from eairl_jax import InputError, LearnedReward, load_reward
 from experiments.folder import Folder
-from experiments.imitate import Job, describe, snapshot_path
+from experiments.imitate import Job, describe, snapshot_path, untrained
 from experiments.retrain import Target, retrain, tail
 from experiments.settings import Recipe
 from experiments.training import SOURCE_RETRAIN
@@ -24,7 +24,8 @@ class Rule:
     """One of them.
 
     Attributes:
-      kind: "last", "iteration" or "source_retrain".
+      kind: "last", "iteration", "source_retrain"; or, to compare with: "random", the networks as they were before
+        learning, and "policy", no reward but the policy that was learned with it, as it is.
       iteration: for "iteration", which one.
       repeats: for "source_retrain", policies trained on each snapshot.
       iterations: for "source_retrain", the length of each training.
@@ -40,18 +41,19 @@ class Rule:
 
     @staticmethod
     def parse(text: str, job_recipe: Recipe) -> Rule:
-        """Reads `last`, `source_retrain` or `iteration=N`.
+        """Reads `last`, `source_retrain`, `iteration=N`, `random` or `policy`.
 
         Raises:
           InputError: for anything else, or an N of which no snapshot is kept.
         """
-        if text in ("last", "source_retrain"):
+        if text in ("last", "source_retrain", "random", "policy"):
             return Rule(text, iterations=SOURCE_RETRAIN_ITERATIONS if text == "source_retrain" else 0)
         name, _, number = text.partition("=")
         kept = snapshots_of(job_recipe)
         if name != "iteration" or not number.isdigit():
             raise InputError(
-                f"unknown rule {text!r}: choose last, source_retrain or iteration=N, e.g. iteration={kept[-1]}"
+                f"unknown rule {text!r}: choose last, source_retrain, random, policy or iteration=N, e.g. "
+                f"iteration={kept[-1]}"
             )
         if int(number) not in kept:
             raise InputError(f"no snapshot of iteration {number} is kept; there are {', '.join(map(str, kept))}")
@@ -67,6 +69,9 @@ def choose_reward(
     folder: Folder, learning: Folder, job: Job, rule: Rule, source: Target
 ) -> tuple[LearnedReward, dict[str, Any]]:
     """Takes each seed's reward from the snapshots of `learning`; also says what the rule saw."""
+    if rule.kind == "random":
+        before = [0] * len(job.seeds)
+        return describe(job, untrained(job), before), {"chosen_iterations": before}
     kept = snapshots_of(job.recipe)
     if rule.kind != "source_retrain":
         iteration = kept[-1] if rule.kind == "last" else rule.iteration

@@ -69,6 +69,7 @@ WALK = dict(policy_lr=1e-3, gamma=0.995, entropy_weight=0.003, log_std_max=0.0,
 WALKER = {
     "all": dict(num_envs=128, rollout_length=50, ppo_minibatches=16),
     "imitate": dict(iterations=400),  # 2.56M steps, as in the paper's release
+    "imitate gan_gcl": dict(num_envs=16, rollout_length=500, iterations=320),  # whole episodes
     "reward": dict(iterations=400),
     "retrain": WALK | dict(gae_lambda=0.95, std_end=1.0, log_std_init=-0.5, iterations=1250,
                            restarts=1),
@@ -87,6 +88,7 @@ SWIMMER = {
     "all": dict(num_envs=32, rollout_length=250, ppo_minibatches=16, gamma=0.9999, gae_lambda=0.98),
     "expert": dict(policy_lr=1e-3),
     "imitate": dict(iterations=320),  # 2.56M steps, as in the paper's release
+    "imitate gan_gcl": dict(num_envs=16, rollout_length=500),  # whole episodes
     "reward": dict(iterations=320),
     "retrain": dict(policy_lr=1e-3, std_end=1.0, log_std_init=-0.5, log_std_max=1.0,
                     ppo_epochs=8, iterations=200, restarts=1),
@@ -116,7 +118,9 @@ def recipe(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any]) -> 
     own = RECIPES.get(task, {})
     merged = {"episode_length": env.episode_length}
     merged |= PURPOSE_DEFAULTS[purpose] | own.get("all", {}) | own.get(purpose, {})
-    merged |= own.get(f"{purpose} {overrides.get('reward_form')}", {}) | overrides
+    for name in ("reward_form", "method"):
+        merged |= own.get(f"{purpose} {overrides.get(name)}", {})
+    merged |= overrides
     snapshot_every, restarts = merged.pop("snapshot_every"), merged.pop("restarts", 1)
     # A penalty costs time, so it is computed only where its weight is not 0.
     wanted = {"gradient": merged.get("gradient_penalty"), "action_variance": merged.get("action_variance")}

@@ -27,6 +27,8 @@ class Curve:
     steps_per_iteration: int
     level: tuple[str, float] | None = None
     """A horizontal line to compare with: its name and height."""
+    color: str = ""
+    """The panel's next one, unless told."""
 
 
 def summarize(command: str, task: str, target: str | None, method: str, seeds: Sequence[int], returns: np.ndarray,
@@ -86,23 +88,37 @@ def print_table(title: str, rows: list[Row]) -> None:
             console.print(f"[dim]{row.name}: {told}[/dim]", soft_wrap=True, highlight=False)
 
 
-def plot(path: Path, title: str, curves: list[Curve]) -> None:
-    """Draws the mean and the range over seeds, a panel for each name of `Curve.panel`."""
-    import matplotlib
+def figure_of(rows: int, columns: int, size: tuple[float, float], title: str):
+    """A figure of `rows x columns` panels, each of `size` inches: `(figure, axes [rows, columns])`."""
+    from matplotlib.figure import Figure  # on its own: nothing has to be closed
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
+    figure.suptitle(title)
+    return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def plot(path: Path, title: str, curves: list[Curve]) -> None:
+    """Saves `curve_figure`."""
+    curve_figure(title, curves).savefig(path, dpi=130)
+
+
+def curve_figure(title: str, curves: list[Curve], columns: int = 4):
+    """The mean and the range over seeds, a panel for each name of `Curve.panel`."""
     from matplotlib.ticker import EngFormatter
 
     panels = list(dict.fromkeys(curve.panel for curve in curves))
-    figure, axes = plt.subplots(1, len(panels), figsize=(5.2 * len(panels), 3.8), squeeze=False, layout="constrained")
-    for axis, panel in zip(axes[0], panels, strict=True):
+    columns = min(columns, len(panels))
+    figure, axes = figure_of(-(-len(panels) // columns), columns, (5.2, 3.8), title)
+    for spare in axes.flat[len(panels) :]:
+        spare.set_visible(False)
+    for axis, panel in zip(axes.flat, panels, strict=False):
         drawn = [curve for curve in curves if curve.panel == panel]
         for number, curve in enumerate(drawn):
             values = np.ma.masked_invalid(curve.values)  # no episode may have ended yet
             steps = (1 + np.arange(values.shape[1])) * curve.steps_per_iteration
-            axis.plot(steps, values.mean(axis=0), color=f"C{number}", label=curve.label)
-            axis.fill_between(steps, values.min(axis=0), values.max(axis=0), color=f"C{number}", alpha=0.2, lw=0)
+            color = curve.color or f"C{number}"
+            axis.plot(steps, values.mean(axis=0), color=color, label=curve.label)
+            axis.fill_between(steps, values.min(axis=0), values.max(axis=0), color=color, alpha=0.2, lw=0)
         for name, height in dict.fromkeys(curve.level for curve in drawn if curve.level):
             axis.axhline(height, color="black", lw=0.8, ls="--")
             axis.annotate(name, (1, height), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)
@@ -112,22 +128,17 @@ def plot(path: Path, title: str, curves: list[Curve]) -> None:
         axis.spines[["top", "right"]].set_visible(False)
         if len(drawn) > 1 or drawn[0].label:
             axis.legend(frameon=False, fontsize=8)
-    figure.suptitle(title)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    return figure
 
 
 def plot_sweep(path: Path, title: str, names: list[str], returns: np.ndarray, curves: np.ndarray,
                steps_per_iteration: int, expert: float) -> None:  # fmt: skip
     """Draws final returns `[settings, seeds]`, a dot a seed, and mean curves `[settings, seeds, iterations]`."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib import colormaps
     from matplotlib.ticker import EngFormatter
 
-    figure, (final, learning) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
-    colors = plt.get_cmap("viridis")(np.linspace(0.0, 0.9, len(names)))
+    figure, ((final, learning),) = figure_of(1, 2, (5.5, 4.0), title)
+    colors = colormaps["viridis"](np.linspace(0.0, 0.9, len(names)))
     for i, color in enumerate(colors):
         final.plot(np.full(returns.shape[1], i), returns[i], "o", color=color, alpha=0.6)
         final.plot([i - 0.2, i + 0.2], [returns[i].mean()] * 2, color=color, lw=2)
@@ -142,6 +153,4 @@ def plot_sweep(path: Path, title: str, names: list[str], returns: np.ndarray, cu
         axis.axhline(expert, color="black", lw=0.8, ls="--")
         axis.annotate("expert", (1, expert), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)
         axis.spines[["top", "right"]].set_visible(False)
-    figure.suptitle(title)
     figure.savefig(path, dpi=130)
-    plt.close(figure)

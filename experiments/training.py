@@ -23,7 +23,7 @@ RUNS = Path("runs")
 EVALUATION_EPISODES = 100
 
 # Phases of an experiment, for `lane_keys`.
-LEARN, RETRAIN, SOURCE_RETRAIN, EVALUATE = range(4)
+LEARN, RETRAIN, SOURCE_RETRAIN, EVALUATE, CLOSENESS = range(5)
 
 
 class Diverged(RuntimeError):

@@ -26,20 +26,33 @@ def transfer(job: Job, rule: Rule, source: Target, target: Target, out: Path, co
 
     The reward is learned in a folder of its own, so that rows which differ in their rule or target share it.
     """
-    learning = Folder(out / f"learn-{job.task}-{job.row}-{digest(job.settings())}", job.settings())
-    settings = job.settings() | target_settings(target) | {"rule": dataclasses.asdict(rule)}
-    folder = Folder(out / f"transfer-{job.task}-to-{target.task}-{job.row}-{rule}", settings)
+    learning, folder = learning_of(job, out), folder_of(job, rule, target, out)
     summary = folder.summary()
     if summary is None:
         learned = learn(learning, job)
-        reward, seen = choose_reward(folder, learning, job, rule, source)
-        save_reward(folder.path / "reward", reward)
-        more = {"row": job.row, "is_published": job.is_published, "rule": str(rule)} | seen | learned
-        curves = imitate.imitation_curves(learning, job)[:3]
-        summary = reuse(folder, reward, target, job.seeds, command, job.row, curves, learning.seconds(), more)
+        more = {"row": job.row, "is_published": job.is_published, "rule": str(rule)} | learned
+        if rule.kind == "policy":
+            summary = move_policy(folder, learning, job, target, command, more)
+        else:
+            reward, seen = choose_reward(folder, learning, job, rule, source)
+            save_reward(folder.path / "reward", reward)
+            curves = imitate.imitation_curves(learning, job)[:3]
+            more |= seen
+            summary = reuse(folder, reward, target, job.seeds, command, job.row, curves, learning.seconds(), more)
     say(f"{job.row}, {rule}: in {folder.path}/; the reward was learned in {learning.path}/")
     imitate.warn_if_saturated(learning, job)
     return summary
+
+
+def learning_of(job: Job, out: Path) -> Folder:
+    """Where a job's reward is learned."""
+    return Folder(out / f"learn-{job.task}-{job.row}-{digest(job.settings())}", job.settings())
+
+
+def folder_of(job: Job, rule: Rule, target: Target, out: Path) -> Folder:
+    """Where a reward is put to use."""
+    settings = job.settings() | target_settings(target) | {"rule": dataclasses.asdict(rule)}
+    return Folder(out / f"transfer-{job.task}-to-{target.task}-{job.row}-{rule}", settings)
 
 
 def learn(folder: Folder, job: Job) -> dict:
@@ -50,6 +63,18 @@ def learn(folder: Folder, job: Job) -> dict:
         returns = final_returns(job.env, algorithm, state, job.seeds).mean(axis=1)
         summary = {"imitation_returns": returns.tolist()}
         folder.finish(summary)
+    return summary
+
+
+def move_policy(folder: Folder, learning: Folder, job: Job, target: Target, command: str, more: dict) -> dict:
+    """Scores the policy that imitates in the source as it is in the target, and finishes the folder."""
+    algorithm, state = imitate.learn(learning, job)
+    returns = final_returns(target.env, algorithm, state, job.seeds).mean(axis=1)
+    best = ceiling(target, job.seeds, folder.path.parent)
+    more |= {"ceiling": best.tolist(), "chosen_iterations": []}
+    summary = summarize(command, job.task, target.task, job.recipe.config.method, job.seeds, returns, 0,
+                        learning.seconds(), target.reference, **more)  # fmt: skip
+    folder.finish(summary)
     return summary
 
 
@@ -106,7 +131,8 @@ def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str
     ]
     for summary in summaries:
         published = paper.row(paper.TRANSFER, target, summary["method"]) if summary["is_published"] else None
-        note = f"reward of iteration {' '.join(map(str, summary['chosen_iterations']))}, rule {summary['rule']}"
+        taken = " ".join(map(str, summary["chosen_iterations"]))
+        note = f"rule {summary['rule']}" + (f", reward of iteration {taken}" if taken else "")
         name = summary["row"] if len(rules) == 1 else f"{summary['row']}, {summary['rule']}"
         rows.append(Row(name, np.array(summary["returns"]), published, summary["normalized"], note))
     rows.append(Row("random actions", np.array([known.random]), None, 0.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import jax
@@ -11,6 +12,7 @@ from eairl_jax import InputError
 from experiments import policies
 from experiments.folder import writable
 from experiments.frames import draw
+from experiments.imitate import take_rows
 from experiments.policies import Policies
 from experiments.scene import page
 from experiments.training import EVALUATE, console, lane_keys, say
@@ -24,7 +26,7 @@ def command(run: Path, seed: int | None, out: Path | None) -> None:
         raise InputError(f"--seed {seed}: the run has seeds {', '.join(map(str, found.seeds))}")
     folder = out or run / "view"
     writable(folder / "episode.html")
-    qpos, total = episode(found, found.seeds.index(seed))
+    (qpos,), (total,) = episodes(found, [found.seeds.index(seed)])
     title = f"{run.name}, seed {seed}: return {total:.2f}"
     (folder / "episode.html").write_text(page(title, found.env, qpos), encoding="utf-8")
     console.print(f"{title}\n{folder}/episode.html plays it in any browser, without a network", soft_wrap=True,
@@ -43,13 +45,18 @@ def command(run: Path, seed: int | None, out: Path | None) -> None:
         say(f"{folder}/frames.png: from left to right, then down; {folder}/episode.gif: the whole episode")
 
 
-def episode(found: Policies, lane: int) -> tuple[np.ndarray, float]:
-    """Positions `[T + 1, nq]` of an episode of the sampled policy, start included, and its true return."""
+def episodes(found: Policies, lanes: Sequence[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """An episode of each sampled policy: positions `[lanes, T + 1, nq]`, start included, and true returns `[lanes]`.
+
+    Args:
+      lanes: whose; default, every one's.
+    """
     env, algorithm = found.env, found.algorithm
-    state = found.lane(lane)
+    lanes = range(len(found.seeds)) if lanes is None else lanes
 
     @jax.jit
-    def play(key):
+    @jax.vmap
+    def play(state, key):
         reset_key, key = jax.random.split(key)
         start = env.reset(reset_key)
 
@@ -62,5 +69,6 @@ def episode(found: Policies, lane: int) -> tuple[np.ndarray, float]:
         first = start.pipeline_state.qpos  # pyright: ignore
         return jax.numpy.concatenate([first[None], qpos]), reward.sum()
 
-    qpos, total = play(lane_keys(EVALUATE, [found.seeds[lane]])[0])
-    return np.asarray(qpos), float(total)
+    states = jax.tree.map(jax.numpy.asarray, take_rows(found.state, np.array(lanes)))
+    qpos, total = play(states, lane_keys(EVALUATE, [found.seeds[lane] for lane in lanes]))
+    return np.asarray(qpos), np.asarray(total)

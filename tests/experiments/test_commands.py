@@ -1,6 +1,7 @@
 """Whole commands on tiny settings: what they leave, how they resume, what they refuse."""
 
 import csv
+import dataclasses
 import json
 import re
 import shutil
@@ -13,6 +14,7 @@ from eairl_jax.methods import METHODS, names
 from experiments import bench, cli, reproduce, training
 from experiments.imitate import prepare
 from experiments.reproduce import Entry
+from experiments.rules import Rule
 from experiments.summary import Row, print_table
 
 
@@ -466,6 +468,63 @@ def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys):
     assert run(*arguments) == 0
     again = json.loads((tmp_path / "table2.json").read_text())["rows"]
     assert [r["returns"] for r in again] == [r["returns"] for r in rows]
+
+
+def test_every_entry_is_checked_before_anything_is_trained():
+    entries = {experiment: [*listed] for experiment, listed in reproduce.EXPERIMENTS.items()}
+    for listed in entries.values():
+        assert len({entry.identity for entry in listed}) == len(listed)
+        seen = {}
+        for entry in listed:
+            key = dataclasses.replace(entry, rule="last", target=entry.target and "any")
+            job = seen.setdefault(key, None) or reproduce.prepare(entry, 5, quick=False)
+            seen[key] = job
+            assert job.row == entry.row
+            if entry.target:
+                Rule.parse(entry.rule, job.recipe)
+
+
+def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys):
+    pair = ("point_maze_left", "point_maze_right")
+    eairl = [Entry(pair[0], "eairl", "default", pair[1], rule) for rule in ("last", "policy", "random")]
+    changed = Entry(pair[0], "eairl", "default", pair[1], settings=("lambda_i=0",))
+    monkeypatch.setattr(reproduce, "EXPERIMENTS", {"table1": eairl, "table2": [], "ablations": [changed]})
+    monkeypatch.setattr(reproduce, "short", lambda quick: tiny[:2] + tiny[-2:])
+    monkeypatch.setattr("experiments.closeness.TRANSITIONS", 16)
+    assert run("reproduce", "all", "--quick", "--out", tmp_path) == 0
+    rows = json.loads((tmp_path / "table1.json").read_text())["rows"]
+    assert [(r["rule"], r["target"]) for r in rows] == [
+        ("last", pair[1]), ("policy", pair[1]), ("random", pair[1]),
+    ]  # fmt: skip
+    last, policy, random = rows
+    assert set(last["closeness"]) == {"source", "target"}
+    assert len(last["closeness"]["target"]["epic"]) == 2
+    # The policy was moved as it was, and the random reward is that of before learning.
+    assert "curve" not in policy
+    assert random["chosen_iterations"] == [0, 0]
+    # The mazes differ by their barrier alone, which hardly anybody has reached after so little training.
+    np.testing.assert_allclose(policy["returns"], last["imitation_returns"], rtol=0.2)
+    assert (tmp_path / "figure2.png").stat().st_size > 10_000
+    assert (tmp_path / "appendix-c-point_maze_left.png").stat().st_size > 10_000
+    changed_row = json.loads((tmp_path / "ablations.json").read_text())["rows"][0]
+    assert changed_row["row"] == "eairl-sa+lambda_i=0"
+    assert not changed_row["is_published"]
+    page = tmp_path / "report.html"
+    assert run("report", "--results", tmp_path, "--out", page) == 0
+    text = page.read_text()
+    assert "point_maze_left to point_maze_right" in text
+    assert "EAIRL, lambda_i=0" in text
+    assert not re.search(r'(src|href)="http', text)
+    # Nothing is trained twice, and the second page is the first.
+    monkeypatch.setattr("eairl_jax.Lanes.run", lambda *_: pytest.fail("trained again"))
+    assert run("reproduce", "all", "--quick", "--out", tmp_path) == 0
+    assert run("report", "--results", tmp_path, "--out", page) == 0
+    assert page.read_text() == text
+
+
+def test_a_report_of_nothing_is_refused(tmp_path, capsys):
+    assert run("report", "--results", tmp_path) == 2
+    assert "holds no results" in capsys.readouterr().err
 
 
 def test_an_experiment_without_the_task_is_refused(capsys):

@@ -30,16 +30,51 @@ def test_the_table_of_a_transfer():
         row("airl_s-s", "airl_s", [8.0, 10.0]),
         row("airl_s-s", "airl_s", [6.0, 6.0], rule="source_retrain"),
         row("eairl-separable", "eairl", [5.0, 5.0], is_published=False),
+        row("airl_s-s", "airl_s", [9.0, 9.0], target="point_maze_left"),
+        row("eairl-sa", "eairl", [1.0, 1.0], rule="random"),
     ]
-    assert results.markdown(rows, paper.TRANSFER).splitlines() == [
-        "| point_maze_left to point_maze_right | `last` | `source_retrain` | normalized | paper |",
+    (table,) = results.tables(rows, paper.TRANSFER)
+    assert results.markdown(table).splitlines() == [
+        "| point_maze_left to point_maze_right | last | paper | source_retrain | back in the source |",
         "| --- | --- | --- | --- | --- |",
-        "| expert | 10.00 |  | 1 | -4.98 ± 0.29 |",
-        "| ceiling | 9.50 ± 0.50 |  | 0.950 |  |",
-        "| AIRL(s) | 9.00 ± 1.00 | 6.00 ± 0.00 | 0.900 / 0.600 | -8.07 ± 0.50 |",
-        "| EAIRL, separable | 5.00 ± 0.00 |  | 0.500 |  |",
-        "| random actions | 0.00 |  | 0 |  |",
+        "| expert | 10.00 (1.00) | -4.98 ± 0.29 (1.00) |  |  |",
+        "| ceiling | 9.50 ± 0.50 (0.95) |  |  |  |",
+        "| AIRL(s) | 9.00 ± 1.00 (0.90) | -8.07 ± 0.50 (1.62) | 6.00 ± 0.00 (0.60) | 9.00 ± 0.00 (0.90) |",
+        "| EAIRL, separable | 5.00 ± 0.00 (0.50) |  |  |  |",
+        "| random reward | 1.00 ± 0.00 (0.10) |  |  |  |",
+        "| random actions | 0.00 (0.00) |  |  |  |",
     ]
+
+
+def test_the_table_of_imitations():
+    rows = [
+        row("gail-sa", "gail", [8.0, 10.0], target=None, rule=None) | {"task": "ant"},
+        row("gail-sa", "gail", [5.0, 5.0], target=None, rule=None) | {"task": "pendulum"},
+        row("bc", "bc", [2.0, 2.0], target=None, rule=None) | {"task": "ant"},
+    ]
+    (table,) = results.tables(rows, paper.IMITATION)
+    assert results.markdown(table).splitlines() == [
+        "| imitation | ant | paper | pendulum | paper |",
+        "| --- | --- | --- | --- | --- |",
+        "| expert | 10.00 (1.00) | 935.12 ± 10.94 (1.00) | 10.00 (1.00) | -100.11 ± 1.32 (1.00) |",
+        "| GAIL | 9.00 ± 1.00 (0.90) | 738.72 ± 9.49 (0.79) | 5.00 ± 0.00 (0.50) | -116.01 ± 5.45 (1.16) |",
+        "| behaviour cloning | 2.00 ± 0.00 (0.20) |  |  |  |",
+        "| random actions | 0.00 (0.00) |  | 0.00 (0.00) |  |",
+    ]
+
+
+def test_the_releases_protocol_takes_the_best_iteration_in_the_target():
+    means = {"iteration=40": 3.0, "iteration=80": 5.0, "last": 1.0, "policy": 9.0}
+    tried = [row("eairl-sa", "eairl", [mean], rule=rule) | {"mean": mean} for rule, mean in means.items()]
+    picked = results.picked_on_the_target(tried)
+    assert picked is not None
+    assert picked["rule"] == "iteration=80"
+    assert results.picked_on_the_target(tried[2:]) is None  # nothing to choose from
+
+
+def test_names():
+    assert results.name("eairl-sa+lambda_i=0") == "EAIRL, lambda_i=0"
+    assert results.color("eairl-sa+lambda_i=0") == results.color("eairl-sa")
 
 
 def test_the_readme_shows_the_results(monkeypatch):

@@ -1,0 +1,113 @@
+"""The paper's figures, drawn from what `eairl reproduce` left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from eairl_jax import load_reward
+from envs.mjx_task import MjxTask
+from experiments import frames, policies, results
+from experiments.folder import digest
+from experiments.summary import Curve, figure_of, plot
+from experiments.training import say
+from experiments.view import episodes
+
+GRID = 70  # points a side of a heat map
+SHOWN = "eairl-separable"
+
+
+def figure2(rows: list[dict], out: Path, folder: Path, tasks: tuple[str, ...]) -> None:
+    """Policies on the learned rewards (the paper's second figure): true return in the target while they train."""
+    del out
+    curves = learning_curves([row for row in results.moved(rows) if row["rule"] == "last"], tasks)
+    if curves:
+        plot(folder / "figure2.png", "policies trained on the last iteration's reward", curves)
+        say(f"{folder}/figure2.png")
+
+
+def learning_curves(rows: list[dict], tasks: tuple[str, ...] = ()) -> list[Curve]:
+    """A panel for each task or pair of tasks, a line for each row of the results."""
+    curves = []
+    for row in rows:
+        if "curve" not in row or (tasks and row["task"] not in tasks):
+            continue
+        panel = f"{row['task']} to {row['target']}" if row["target"] else row["task"]
+        values = np.array(row["curve"]["true_return"], float)  # None becomes NaN
+        level = ("expert", row["expert"])
+        curves.append(Curve(panel, results.name(row["row"]), values, row["curve"]["env_steps"][0], level,
+                            results.color(row["row"])))  # fmt: skip
+    return curves
+
+
+def appendix_c(rows: list[dict], out: Path, folder: Path, tasks: tuple[str, ...]) -> None:
+    """Appendix C: paths in the mazes, over the learned reward; gaits and paths of the ant and the crippled ant."""
+    last = [row for row in results.moved(rows) if row["rule"] == "last" and (not tasks or row["task"] in tasks)]
+    for (task, target), moved in results.by_task(last).items():
+        if task.startswith("point_maze"):
+            maze_paths(folder / f"appendix-c-{task}.png", task, target, moved, out)
+        else:
+            gaits(folder, task, target, moved, out)
+
+
+def _runs(row: dict, out: Path) -> tuple[Path, Path]:
+    """The folders of a row: where its reward was learned, and where it was put to use."""
+    learned = out / f"learn-{row['task']}-{row['row']}-{digest(row['settings'])}"
+    return learned, out / f"transfer-{row['task']}-to-{row['target']}-{row['row']}-{row['rule']}"
+
+
+def maze_paths(path: Path, task: str, target: str, rows: list[dict], out: Path) -> None:
+    """A column for each row: its reward (of its first seed, action 0) as a heat map and the paths of every seed."""
+    title = f"learned reward and the paths taken: {task} (above), {target} (below)"
+    figure, axes = figure_of(2, len(rows), (2.6, 2.7), title)
+    for column, row in enumerate(rows):
+        learned, used = _runs(row, out)
+        reward = load_reward(used / "reward")
+        for axis, folder in zip(axes[:, column], (learned, used), strict=True):
+            found = policies.load(folder)
+            centre, reach = np.array(found.env.obs_mean), np.array(found.env.obs_std)
+            low, high = centre - reach, centre + reach
+            x, y = np.meshgrid(*np.linspace(low, high, GRID).T)
+            grid = jnp.stack([jnp.asarray(x), jnp.asarray(y)], axis=-1)
+            value = reward(grid, jnp.zeros((*grid.shape[:-1], 2)))
+            axis.imshow(value, origin="lower", extent=(low[0], high[0], low[1], high[1]), cmap="viridis")
+            _walls(axis, found.env)
+            for way in episodes(found)[0]:
+                axis.plot(*way.T, color="white", lw=1.2, alpha=0.9)
+            axis.set(xticks=[], yticks=[], xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        axes[0, column].set_title(f"{results.name(row['row'])}\n{row['mean']:.1f} in the target", fontsize=9)
+    figure.savefig(path, dpi=110)
+    say(f"{path}")
+
+
+def _walls(axis, env: MjxTask) -> None:
+    barrier, goal = env.model.geom("barrier"), env.model.geom("goal")
+    half = float(barrier.size[1])
+    axis.plot([barrier.pos[0] - half, barrier.pos[0] + half], [barrier.pos[1]] * 2, color="black", lw=4)
+    axis.plot(*goal.pos[:2], "o", color="tab:green", ms=7)
+
+
+def gaits(folder: Path, task: str, target: str, rows: list[dict], out: Path) -> None:
+    """Frames of a policy in the source and of one on its reward in the target, and the ways of every seed.
+
+    Of `SHOWN` if it is there, not of the row that came out best.
+    """
+    shown = next((row for row in rows if row["row"] == SHOWN), rows[-1])
+    figure, axes = figure_of(1, 2, (4.6, 3.6), f"ways of the torso from above, m; {results.name(shown['row'])}")
+    for axis, name, run in zip(axes[0], (task, target), _runs(shown, out), strict=True):
+        found = policies.load(run)
+        ways, _ = episodes(found)
+        problem = frames.draw(found.env, ways[0], folder / f"appendix-c-{name}.png", run / "episode.gif")
+        if problem:
+            say(f"no frames of {name}: this machine cannot draw with OpenGL ({problem})")
+        for seed, way in zip(found.seeds, ways, strict=True):
+            axis.plot(way[:, 0], way[:, 1], label=f"seed {seed}")
+        axis.set(title=name, aspect="equal")
+        axis.legend(frameon=False, fontsize=8)
+    figure.savefig(folder / f"appendix-c-{task}-ways.png", dpi=110)
+    say(f"{folder}/appendix-c-{task}-ways.png, appendix-c-{task}.png and appendix-c-{target}.png")
+
+
+DRAWN = {"figure2": figure2, "appendix-c": appendix_c}

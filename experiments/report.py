@@ -1,0 +1,309 @@
+"""`eairl report`: one page that shows what was reproduced, from the results on disk. It needs no network."""
+
+from __future__ import annotations
+
+import base64
+import io
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from eairl_jax import InputError
+from experiments import figures, paper, results
+from experiments.aggregate import Estimate, interquartile_mean, probability_of_improvement
+from experiments.folder import machine, writable
+from experiments.reproduce import EXPERIMENTS
+from experiments.summary import curve_figure, figure_of
+from experiments.training import console
+
+EQUAL = 0.05  # of normalised score: closer than this counts as the same
+HOLDS = ("yes", "no", "partly", "open")
+Scores = dict[tuple[str, str | None], np.ndarray]  # (task, target) -> normalised scores [seeds]
+
+
+def command(folder: Path | None, out: Path | None) -> None:
+    """Writes the page."""
+    folder = folder or results.FOLDER
+    out = out or Path("runs") / "report.html"
+    found = {name: results.load(folder / f"{name}.json") for name in EXPERIMENTS}
+    if not any(found.values()):
+        raise InputError(f"{folder} holds no results: make some with `eairl reproduce all --quick --results {folder}`")
+    writable(out)
+    out.write_text(page(found, folder), encoding="utf-8")
+    console.print(f"{out} shows it in any browser, without a network", soft_wrap=True, markup=False)
+
+
+def page(found: dict[str, list[dict]], folder: Path) -> str:
+    """The page, as text."""
+    from importlib.resources import files
+
+    from jinja2 import Environment
+    from markdown_it import MarkdownIt
+
+    template = (files("experiments") / "viewer" / "report.html").read_text(encoding="utf-8")
+    discussion = folder / "discussion.md"
+    text = discussion.read_text(encoding="utf-8") if discussion.exists() else ""
+    lead, _, rest = (MarkdownIt().render(part) for part in text.partition("\n\n"))
+    judged = claims(found)
+    transfers = results.moved(found["table1"])
+    pictures = [(path.stem, _data_url(path.read_bytes(), "png")) for path in sorted(folder.glob("appendix-c-*.png"))]
+    return Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(template).render(
+        claims=judged,
+        count={holds: sum(claim.holds == holds for claim in judged) for holds in HOLDS},
+        lead=lead,
+        overview=overview(found),
+        tables=[table for name in ("table2", "table1") for table in results.tables(found[name], paper.TABLES[name])],
+        improvements=improvements(found),
+        imitation_curves=_curves("imitation: true return while learning", found["table2"]),
+        transfer_curves=_curves("transfer: true return in the target, training on the learned reward",
+                                [row for row in transfers if row["rule"] == "last"]),
+        ablations=ablation_figure(found),
+        closeness=closeness_table(transfers),
+        closeness_figure=closeness_figure(transfers),
+        pictures=pictures,
+        discussion=rest,
+        budgets=[budget(name, row) for name, rows in found.items() for row in rows],
+        missing=missing(found),
+        machine=machine(),
+    )  # fmt: skip
+
+
+def scores(rows: list[dict], row: str, rule: str | None = None) -> Scores:
+    """The normalised scores of a row, for each task or pair of tasks that it was run on."""
+    return {(each["task"], each["target"]): results.normalized(each) for each in rows
+            if each["row"] == row and each.get("rule") == rule}  # fmt: skip
+
+
+def improvement(ours: Scores, theirs: Scores) -> Estimate | None:
+    """Of one row over another, on the tasks that both were run on."""
+    both = [task for task in ours if task in theirs]
+    return probability_of_improvement([ours[t] for t in both], [theirs[t] for t in both]) if both else None
+
+
+class Claim(NamedTuple):
+    """A statement of the paper (or ours), what was found, and whether it holds: one of `HOLDS`."""
+
+    text: str
+    paper: str
+    here: str
+    holds: str
+
+
+def claims(found: dict[str, list[dict]]) -> list[Claim]:
+    """What the paper claims, judged by fixed thresholds on whatever results there are."""
+    imitated, moved, ablated = found["table2"], found["table1"], found["ablations"]
+    mazes, ants = ([row for row in results.moved(moved) if row["task"].startswith(name)]
+                   for name in ("point_maze", "ant"))  # fmt: skip
+    eairl = scores(imitated, "eairl-sa")
+    good = {task: float(s.mean()) for (task, _), s in eairl.items()}
+    said = []
+    said.append(Claim(
+        "EAIRL imitates", "0.65 to 0.99 of the expert",
+        ", ".join(f"{task} {value:.2f}" for task, value in good.items()) or "not run",
+        _all(value >= 0.95 for value in good.values()),
+    ))  # fmt: skip
+    said.append(_compared("EAIRL imitates as well as GAIL", "as well", eairl, scores(imitated, "gail-sa")))
+    said.append(_compared("EAIRL imitates as well as AIRL(s,a)", "as well", eairl, scores(imitated, "airl_sa-sa")))
+    said.append(_compared("EAIRL imitates better than AIRL(s)", "better", eairl, scores(imitated, "airl_s-s")))
+    said.append(_compared("EAIRL imitates better than GAN-GCL", "better", eairl, scores(imitated, "gan_gcl-sa")))
+    for place, rows, aim, theirs in (("the other maze", mazes, 0.9, "-7.01 of -4.98"),
+                                     ("the crippled ant", ants, 0.81, "0.81 of the expert")):  # fmt: skip
+        own, airl_s, airl_sa = (scores(rows, row, "last") for row in ("eairl-sa", "airl_s-s", "airl_sa-sa"))
+        said.append(Claim(f"EAIRL's reward r(s,a) transfers to {place}", theirs, _list(own),
+                          _all(s.mean() >= aim for s in own.values())))  # fmt: skip
+        said.append(_compared(f"There it is better than AIRL(s)'s ({place})", "better", own, airl_s))
+        said.append(_compared(f"There it is better than AIRL(s,a)'s ({place})", "better", own, airl_sa))
+        separable = scores(rows, "eairl-separable", "last")
+        said.append(Claim(f"Ours: a separable reward transfers to {place}", "", _list(separable),
+                          _all(s.min() >= 0.9 for s in separable.values())))  # fmt: skip
+    full = scores(mazes, "eairl-sa", "last")
+    said.append(_compared("Empowerment's Phi is what makes it transfer (against Phi = 0)", "better",
+                          full, scores(ablated, "eairl-sa+shaping=none", "last")))  # fmt: skip
+    return said
+
+
+def _all(conditions) -> str:
+    held = list(conditions)
+    if not held:
+        return "open"
+    return "yes" if all(held) else "partly" if any(held) else "no"
+
+
+def _list(own: Scores) -> str:
+    return ", ".join(f"{s.mean():.2f}" for s in own.values()) or "not run"
+
+
+def _compared(text: str, claimed: str, ours: Scores, theirs: Scores) -> Claim:
+    both = [task for task in ours if task in theirs]
+    if not both:
+        return Claim(text, claimed, "not run", "open")
+    mine, other = (float(np.mean([s[task].mean() for task in both])) for s in (ours, theirs))
+    chance = improvement(ours, theirs)
+    assert chance is not None
+    held = mine >= other - EQUAL if claimed == "as well" else chance.low > 0.5 and mine > other
+    here = f"{mine:.2f} against {other:.2f}; better with probability {chance.value:.2f} "
+    return Claim(text, claimed, f"{here}[{chance.low:.2f}, {chance.high:.2f}]", "yes" if held else "no")
+
+
+def improvements(found: dict[str, list[dict]]) -> list[dict]:
+    """Probability that EAIRL, and its separable form, score above every other row."""
+    compared = []
+    for experiment, row, rule in (("table2", "eairl-sa", None), ("table1", "eairl-sa", "last"),
+                                  ("table1", "eairl-separable", "last")):  # fmt: skip
+        rows = results.moved(found[experiment]) if rule else found[experiment]
+        ours = scores(rows, row, rule)
+        for other in dict.fromkeys(each["row"] for each in rows):
+            theirs = scores(rows, other, rule)
+            chance = improvement(ours, theirs)
+            if other != row and chance:
+                compared.append({"what": "imitation" if rule is None else "transfer", "ours": results.name(row),
+                                 "theirs": results.name(other), "chance": chance,
+                                 "tasks": len([t for t in ours if t in theirs])})  # fmt: skip
+    return compared
+
+
+def overview(found: dict[str, list[dict]]) -> str:
+    """The first screen's figure: each row's score with its interval, and the paper's."""
+    panels = []
+    for title, rows, rule, table in (
+        ("imitation", found["table2"], None, paper.IMITATION),
+        ("transfer, last iteration's reward",
+         results.moved(found["table1"]), "last", paper.TRANSFER),
+    ):  # fmt: skip
+        if rows:
+            panels.append((title, rows, rule, table))
+    figure, axes = figure_of(1, len(panels), (5.6, 3.4), "")
+    for axis, (title, rows, rule, table) in zip(axes[0], panels, strict=True):
+        names = [name for name in dict.fromkeys(row["row"] for row in rows) if scores(rows, name, rule)]
+        for place, name in enumerate(reversed(names)):
+            own = scores(rows, name, rule)
+            each = interquartile_mean(list(own.values()))
+            color = results.color(name)
+            axis.plot([each.low, each.high], [place] * 2, color=color, lw=3, alpha=0.5)
+            axis.plot(each.value, place, "o", color=color)
+            cells = [results.cell(row, table) for row in rows if row["row"] == name and row.get("rule") == rule]
+            published = [cell.published_share for cell in cells if cell.published_share is not None]
+            if published:
+                axis.plot(np.mean(published), place, "D", mfc="none", mec="black", ms=5)
+        axis.set_yticks(range(len(names)), [results.name(name) for name in reversed(names)])
+        axis.axvline(1, color="black", lw=0.8, ls="--")
+        tasks = len({(row["task"], row["target"]) for row in rows})
+        axis.set_title(f"{title}, {tasks} task{'s' * (tasks > 1)}", fontsize=10)
+        axis.set_xlabel("0 random actions, 1 expert; ◇ the paper")
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.grid(axis="x", alpha=0.3)
+    return _svg(figure)
+
+
+def _curves(title: str, rows: list[dict]) -> str:
+    curves = figures.learning_curves(rows)
+    return _svg(curve_figure(title, curves, columns=2)) if curves else ""
+
+
+def ablation_figure(found: dict[str, list[dict]]) -> str:
+    """A dot a seed for EAIRL and each change of it, both reward forms."""
+    rows = found["ablations"]
+    pairs = {(row["task"], row["target"]) for row in rows}
+    base = [row for row in found["table1"] if (row["task"], row["target"]) in pairs and row["rule"] == "last"
+            and row["row"] in ("eairl-sa", "eairl-separable", "airl_s-s")]  # fmt: skip
+    rows = [*base, *rows]
+    if not pairs or not base:
+        return ""
+    rows.sort(key=lambda row: (row["row"].split("+")[0], row["row"]))
+    figure, axes = figure_of(1, 1, (8.5, 0.32 * len(rows) + 1), "")
+    axis = axes[0, 0]
+    for place, row in enumerate(reversed(rows)):
+        own, color = results.normalized(row), results.color(row["row"].split("+")[0])
+        axis.plot(own, [place] * len(own), "o", color=color, alpha=0.5, mec="none")
+        axis.plot([own.mean()] * 2, [place - 0.3, place + 0.3], color=color, lw=2)
+    axis.set_yticks(range(len(rows)), [results.name(row["row"]) for row in reversed(rows)], fontsize=8)
+    axis.axvline(1, color="black", lw=0.8, ls="--")
+    (task, target), *_ = pairs
+    axis.set_xlabel(f"{task} to {target}: normalised true return, a dot a seed, their mean")
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.grid(axis="x", alpha=0.3)
+    return _svg(figure)
+
+
+def closeness_table(rows: list[dict]) -> list[dict]:
+    """EPIC distance and rank correlations of each row that has them, means over the seeds."""
+    table = []
+    for row in rows:
+        if "closeness" in row:
+            measures = {f"{place}: {name}": _mean(values) for place, measured in row["closeness"].items()
+                        for name, values in measured.items()}  # fmt: skip
+            table.append({"pair": f"{row['task']} to {row['target']}", "row": results.name(row["row"]),
+                          "score": row["normalized"], "measures": measures})  # fmt: skip
+    return table
+
+
+def _mean(values: list[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def closeness_figure(rows: list[dict]) -> str:
+    """Does a closer reward transfer better? Each seed's score over its EPIC distance and its rank correlation."""
+    rows = [row for row in rows if "closeness" in row]
+    if not rows:
+        return ""
+    measures = ("epic", "rank correlation, expert", "rank correlation, policy", "rank correlation, random")
+    figure, axes = figure_of(1, len(measures), (3.1, 3.0), "")
+    for axis, measure in zip(axes[0], measures, strict=True):
+        for row in rows:
+            x = np.array(row["closeness"]["target"][measure], float)
+            first = row["task"] == rows[0]["task"]
+            axis.plot(x, results.normalized(row), "o", color=results.color(row["row"]), alpha=0.7, mec="none",
+                      label=results.name(row["row"]) if first else None)  # fmt: skip
+        axis.set_xlabel(f"{measure} (in the target)", fontsize=8)
+        axis.spines[["top", "right"]].set_visible(False)
+    axes[0, 0].set_ylabel("normalised return in the target")
+    figure.legend(loc="outside lower center", ncols=6, frameon=False, fontsize=8)
+    return _svg(figure)
+
+
+def budget(experiment: str, row: dict) -> dict:
+    """What a row cost, and where it came from."""
+    learned = row["settings"]["config"]
+    steps = learned["iterations"] * learned["num_envs"] * learned["rollout_length"]
+    return {
+        "experiment": experiment,
+        "row": results.name(row["row"]),
+        "tasks": f"{row['task']} to {row['target']}" if row["target"] else row["task"],
+        "rule": row.get("rule", ""),
+        "seeds": f"{row['seeds'][0]} to {row['seeds'][-1]}",
+        "learned": steps,
+        "retrained": row["env_steps"] if row["target"] else None,
+        "minutes": row["run_seconds"] / 60,
+        "date": row["machine"]["date"],
+        "device": f"{row['machine']['devices']} x {row['machine']['device']}",
+        "jax": row["machine"]["versions"]["jax"],
+        "entropy_weight": row["settings"]["hparams"]["entropy_weight"],
+        "lambda_i": row["settings"]["hparams"]["lambda_i"],
+    }
+
+
+def missing(found: dict[str, list[dict]]) -> list[dict]:
+    """The tasks of an experiment of which rows are missing, with the command that finishes them."""
+    count: dict[tuple[str, str], int] = {}
+    for name, entries in EXPERIMENTS.items():
+        there = {results.identity(row) for row in found[name]}
+        for entry in entries:
+            if entry.identity not in there:
+                count[name, entry.task] = count.get((name, entry.task), 0) + 1
+    return [{"experiment": name, "task": task, "rows": rows, "command": f"eairl reproduce {name} --task {task}"}
+            for (name, task), rows in count.items()]  # fmt: skip
+
+
+def _svg(figure) -> str:
+    from matplotlib import rc_context
+
+    image = io.BytesIO()
+    with rc_context({"svg.hashsalt": "eairl_jax"}):  # the same figure is the same text
+        figure.savefig(image, format="svg", metadata={"Date": None})
+    return _data_url(image.getvalue(), "svg+xml")
+
+
+def _data_url(data: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
