@@ -1,0 +1,91 @@
+"""What the report says of results: claims judged by their thresholds, and what is still missing."""
+
+import numpy as np
+import pytest
+
+from experiments import reproduce
+from experiments.report import EXPERIMENTS, claims, improvements, missing
+
+MAZES = ("point_maze_left", "point_maze_right")
+
+
+def result(row, returns, task="pendulum", target=None, rule=None):
+    """A row of the results, of a task whose expert has 10 and whose random policy 0."""
+    return {"row": row, "method": row.split("-")[0], "task": task, "target": target, "rule": rule, "expert": 10.0,
+            "random": 0.0, "ceiling": [10.0], "returns": returns, "mean": float(np.mean(returns)),
+            "normalized": float(np.mean(returns)) / 10, "is_published": True}  # fmt: skip
+
+
+def found(*table2, table1=(), ablations=()):
+    return {"table1": [*table1], "table2": [*table2], "ablations": [*ablations]}
+
+
+def judged(results, start):
+    (claim,) = [claim for claim in claims(results) if claim.text.startswith(start)]
+    return claim
+
+
+@pytest.mark.parametrize(("returns", "other", "holds"), [
+    ([9.6, 9.8], [9.7, 9.5], "yes"),
+    ([9.6, 9.8], [5.0, 5.0], "partly"),
+    ([5.0, 5.0], [5.0, 5.0], "no"),
+])  # fmt: skip
+def test_imitation_holds_from_95_percent_on(returns, other, holds):
+    results = found(result("eairl-sa", returns), result("eairl-sa", other, task="ant"))
+    first = claims(results)[0]
+    assert first.text == "EAIRL imitates"
+    assert first.holds == holds
+
+
+@pytest.mark.parametrize(("ours", "theirs", "as_well", "better"), [
+    ([9.0, 9.1, 9.2, 9.3, 9.4], [1.0, 1.1, 1.2, 1.3, 1.4], "yes", "yes"),
+    ([9.0, 9.1, 9.2, 9.3, 9.4], [9.4, 9.5, 9.6, 9.6, 9.7], "yes", "no"),  # within 0.05
+    ([9.0, 9.1, 9.2, 9.3, 9.4], [9.9, 9.9, 9.9, 9.9, 9.9], "no", "no"),
+    ([1.0, 9.0, 1.0, 9.0, 9.0], [9.0, 1.0, 9.0, 1.0, 8.0], "yes", "no"),  # chance
+])  # fmt: skip
+def test_as_well_and_better(ours, theirs, as_well, better):
+    others = [result(row, theirs) for row in ("gail-sa", "airl_s-s")]
+    results = found(result("eairl-sa", ours), *others)
+    assert judged(results, "EAIRL imitates as well as GAIL").holds == as_well
+    assert judged(results, "EAIRL imitates better than AIRL(s)").holds == better
+
+
+def test_nothing_is_claimed_of_what_was_not_run():
+    assert {claim.holds for claim in claims(found())} == {"open"}
+    # A row of another task is nothing to compare with.
+    alone = found(result("eairl-sa", [9.0, 9.0]), result("gail-sa", [9.0, 9.0], task="ant"))
+    assert judged(alone, "EAIRL imitates as well as GAIL").holds == "open"
+
+
+def test_a_reward_back_in_its_source_is_no_transfer():
+    home = result("eairl-sa", [10.0, 10.0], MAZES[0], MAZES[0], "last")
+    away = result("eairl-sa", [1.0, 1.0], *MAZES, "last")
+    assert judged(found(table1=[home]), "EAIRL's reward r(s,a) transfers to the other maze").holds == "open"
+    assert judged(found(table1=[home, away]), "EAIRL's reward r(s,a) transfers to the other maze").holds == "no"
+
+
+def test_phi_is_judged_where_it_was_taken_away():
+    full = [result("eairl-sa", [9.0, 9.1, 9.2], *pair, "last") for pair in (MAZES, MAZES[::-1])]
+    without = result("eairl-sa+shaping=none", [2.0, 2.1, 2.2], *MAZES, "last")
+    claim = judged(found(table1=full, ablations=[without]), "Empowerment's Phi")
+    assert claim.holds == "yes"
+    assert claim.here.startswith("0.91 against 0.21")
+
+
+def test_improvements_are_over_common_tasks():
+    results = found(result("eairl-sa", [9.0, 9.0]), result("eairl-sa", [1.0, 1.0], task="ant"),
+                    result("gail-sa", [5.0, 5.0]), result("gail-sa", [5.0, 5.0], task="ant"),
+                    result("bc", [5.0, 5.0]))  # fmt: skip
+    assert [(each["theirs"], each["chance"].value, each["tasks"]) for each in improvements(results)] == [
+        ("GAIL", 0.5, 2), ("behaviour cloning", 1.0, 1),
+    ]  # fmt: skip
+
+
+def test_what_is_missing_comes_with_its_command():
+    entries = EXPERIMENTS["table2"]
+    there = [result(entry.row, [1.0], entry.task) for entry in entries if entry.task != "ant"][1:]
+    lacking = [each for each in missing(found(*there)) if each["experiment"] == "table2"]
+    assert [(each["task"], each["rows"], each["command"]) for each in lacking] == [
+        (entries[0].task, 1, f"eairl reproduce table2 --task {entries[0].task}"),
+        ("ant", len(reproduce.IMITATORS), "eairl reproduce table2 --task ant"),
+    ]
