@@ -33,6 +33,7 @@ def conjugate_gradient(product: Callable[[Vector], Vector], b: Vector, steps: in
 
     def step(carry, _):
         x, residual, direction, rr = carry
+        rr = optimize.in_library(rr)
         a_direction = product(direction)
         # Once solved, residual and direction are 0 and so is every further step.
         alpha = rr / jnp.maximum(direction @ a_direction, 1e-20)
@@ -58,7 +59,7 @@ def line_search(
       The parameters reached (theta itself if no step will do) and the fraction of the full step taken.
     """
     fractions = 0.5 ** jnp.arange(steps)
-    loss, kl = jax.lax.map(lambda fraction: objective(theta + fraction * full_step), fractions)
+    loss, kl = jax.lax.map(lambda fraction: objective(theta + optimize.in_library(fraction) * full_step), fractions)
     good = (loss < objective(theta)[0]) & (kl <= kl_limit)  # a NaN is not good
     fraction = jnp.where(good.any(), fractions[good.argmax()], 0.0)
     return jnp.where(fraction > 0, theta + fraction * full_step, theta), fraction

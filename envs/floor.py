@@ -9,6 +9,7 @@ each and only add to a diagonal; and the solver evaluates nothing that it throws
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -87,8 +88,8 @@ class Floor:
         along_x = jnp.where(leans, axis[:, 0] / jnp.maximum(length, 1e-6), 0.0)
         along_y = jnp.where(leans, axis[:, 1] / jnp.maximum(length, 1e-6), 1.0)
         found = jnp.stack([centre[:, 0], centre[:, 1], 0.5 * distance, distance - self.margin, along_x, along_y], 1)
-        _, chosen = jax.lax.top_k(self.margin - distance, self.contacts)
-        found, table = found[chosen], jnp.asarray(self.table)[chosen]
+        chosen = deepest(self.margin - distance, self.contacts)
+        found, table = chosen @ found, chosen @ jnp.asarray(self.table)
         movers, friction, weight = table[:, :-2], table[:, -2], table[:, -1]
         depth, along_x, along_y = found[:, 3], found[:, 4:5], found[:, 5:6]
 
@@ -120,16 +121,24 @@ class Floor:
         softness = _shared(model.jnt_solref[joint], model.jnt_solimp[joint])
         stiffness, spring, damping = _soft(*softness, depth, model.dof_invweight0[dof], model.opt.timestep)
         reference = -damping * sign * data.qvel[dof] - spring
-        spread = jnp.zeros((3, nv)).at[:, dof].set(jnp.stack([sign, stiffness * (depth < 0), reference]))
+        spread = jnp.stack([sign, stiffness * (depth < 0), reference]) @ np.eye(nv)[dof]
         return spread[0], spread[1], spread[2]
 
 
 def newton(
-    inertia: jax.Array, force: jax.Array, rows: Rows, start: jax.Array, steps: int, line_search: int
+    solve: Callable[[jax.Array, jax.Array], jax.Array],
+    inertia: jax.Array,
+    force: jax.Array,
+    rows: Rows,
+    start: jax.Array,
+    steps: int,
+    line_search: int,
 ) -> jax.Array:
     """Minimises `a' M a / 2 - a' f + sum(D min(0, J a - a_ref)^2) / 2` over the acceleration a.
 
     Args:
+      solve: `(matrix, vector) -> matrix^-1 vector` of matrices as sparse as M (`tree_solver`): a contact joins only
+        degrees of freedom on one way to the root.
       inertia: `[nv, nv]`, M.
       force: `[nv]`, f: all that acts but the constraints.
       rows: the constraints.
@@ -149,7 +158,7 @@ def newton(
         unconstrained = inertia @ acceleration - force
         gradient = unconstrained + rows.jacobian.T @ (pushing * slack) + rows.limit_sign * limit_pushing * limit_slack
         hessian = inertia + (rows.jacobian.T * pushing) @ rows.jacobian + jnp.diag(limit_pushing)
-        direction = -jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(hessian), gradient)
+        direction = -solve(hessian, gradient)
         towards, limit_towards = rows.jacobian @ direction, rows.limit_sign * direction
         slope_0, curvature_0 = direction @ unconstrained, direction @ (inertia @ direction)
 
@@ -166,8 +175,19 @@ def newton(
             length = jnp.where((proposed >= low) & (proposed <= high), proposed, 0.5 * (low + high))
         return acceleration + length * direction
 
-    # Unrolled when short, which saves a fifth of the time; a loop when long, which saves the compiler's.
-    return jax.lax.fori_loop(0, steps, step, start, unroll=steps <= 4)
+    return jax.lax.fori_loop(0, steps, step, start)
+
+
+def deepest(depth: jax.Array, count: int) -> jax.Array:
+    """`[count, n]`, a 1 a row: which of `depth [n]` are the largest, the first of equals first.
+
+    `jax.lax.top_k` as a product: XLA has no kernel for it that fits in a loop.
+    """
+    place = np.arange(depth.shape[0])
+    before = (depth[None, :] > depth[:, None]) | (
+        (depth[None, :] == depth[:, None]) & (place[None, :] < place[:, None])
+    )
+    return (before.sum(axis=1)[None, :] == np.arange(count)[:, None]).astype(depth.dtype)
 
 
 def _ends(model: mujoco.MjModel, geom: int) -> tuple[float, ...]:

@@ -12,7 +12,9 @@ import numpy as np
 
 from envs.floor import Floor, newton
 from envs.mjx_task import MjxTask, Physics, TaskError, mjx
+from envs.one_kernel import for_one_kernel
 from envs.referee import GymnasiumReferee
+from envs.tree import tree_solver
 
 EULER, RK4 = mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4
 
@@ -81,6 +83,7 @@ class Locomotion(MjxTask):
         super().__init__(spec, frame_skip)
         model = self.model
         self._floor = Floor(model, self.fidelity.contacts)
+        self._solve = tree_solver(model.dof_parentid)
         self._floating = model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
         self._damping = np.diag(model.opt.timestep * model.dof_damping)
         self._motors = np.zeros((model.nu, model.nv))
@@ -104,12 +107,15 @@ class Locomotion(MjxTask):
         return velocity - self.control_cost * jnp.sum(action**2)
 
     def substep(self, physics, ctrl):
+        return for_one_kernel(self._substep)(physics, ctrl)
+
+    def _substep(self, physics: Physics, ctrl: jax.Array) -> Physics:
         if self.model.opt.integrator == RK4:
             return self._runge_kutta(physics, ctrl)
         qacc, inertia = self._acceleration(physics, ctrl)
         damped = qacc
         if self._damping.any():  # implicit in the dampers' force, as the C engine's Euler is
-            damped = jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(inertia + self._damping), inertia @ qacc)
+            damped = self._solve(inertia + self._damping, inertia @ qacc)
         qvel = physics.qvel + self.model.opt.timestep * damped
         return Physics(self._move(physics.qpos, qvel, self.model.opt.timestep), qvel, qacc)
 
@@ -123,7 +129,7 @@ class Locomotion(MjxTask):
         inertia = mjx.full_m(model, data)
         start, solver = physics.qacc_warmstart, self.fidelity
         rows = self._floor.rows(data)
-        return newton(inertia, force, rows, start, solver.newton_steps, solver.line_search), inertia
+        return newton(self._solve, inertia, force, rows, start, solver.newton_steps, solver.line_search), inertia
 
     def _runge_kutta(self, physics: Physics, ctrl: jax.Array) -> Physics:
         """The classical fourth-order step."""

@@ -9,6 +9,7 @@ import pytest
 import envs
 from envs.floor import Floor, Rows, newton
 from envs.mjx_task import Physics, mjx
+from envs.tree import tree_solver
 
 TASKS = ("ant", "crippled_ant", "half_cheetah", "swimmer")
 
@@ -106,6 +107,7 @@ def test_newton_minimises_by_hand():
     # and a limit that asks for a <= 1 with stiffness 2 instead, to (4 + 2) / 4.
     def solve(stiffness, limit_stiffness):
         rows = Rows(*(jnp.array(x, float) for x in ([[1]], [stiffness], [3], [-1], [limit_stiffness], [-1])))
-        return newton(jnp.array([[2.0]]), jnp.array([4.0]), rows, jnp.array([50.0]), steps=4, line_search=3)
+        one, force, start = tree_solver([-1]), jnp.array([4.0]), jnp.array([50.0])
+        return newton(one, jnp.array([[2.0]]), force, rows, start, steps=4, line_search=3)
 
     np.testing.assert_allclose([solve(0, 0)[0], solve(6, 0)[0], solve(0, 2)[0]], [2.0, 22 / 8, 6 / 4], rtol=1e-5)

@@ -484,6 +484,7 @@ def test_every_entry_is_checked_before_anything_is_trained():
                 Rule.parse(entry.rule, job.recipe)
 
 
+@pytest.mark.slow
 def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys):
     pair = ("point_maze_left", "point_maze_right")
     eairl = [Entry(pair[0], "eairl", "default", pair[1], rule) for rule in ("last", "policy", "random")]

@@ -1,10 +1,12 @@
 """What the report says of results: claims judged by their thresholds, and what is still missing."""
 
+import re
+
 import numpy as np
 import pytest
 
 from experiments import reproduce
-from experiments.report import EXPERIMENTS, claims, improvements, missing
+from experiments.report import EXPERIMENTS, claims, improvements, missing, page
 
 MAZES = ("point_maze_left", "point_maze_right")
 
@@ -14,6 +16,33 @@ def result(row, returns, task="pendulum", target=None, rule=None):
     return {"row": row, "method": row.split("-")[0], "task": task, "target": target, "rule": rule, "expert": 10.0,
             "random": 0.0, "ceiling": [10.0], "returns": returns, "mean": float(np.mean(returns)),
             "normalized": float(np.mean(returns)) / 10, "is_published": True}  # fmt: skip
+
+
+def whole(*arguments):
+    """A row with all that a page shows of one."""
+    measures = {name: [0.5, None] for name in ("epic", *(f"rank correlation, {of}" for of in ("expert", "policy",
+                                                                                             "random")))}  # fmt: skip
+    config = {"iterations": 4, "num_envs": 2, "rollout_length": 5}
+    return result(*arguments) | {
+        "seeds": [0, 1], "env_steps": 40, "run_seconds": 60.0, "closeness": {"source": measures, "target": measures},
+        "settings": {"config": config, "hparams": {"entropy_weight": 0.1, "lambda_i": 1.0}},
+        "machine": {"date": "2026-11-22", "devices": 2, "device": "cpu", "versions": {"jax": "0.10"}},
+        "curve": {"env_steps": [10, 20], "true_return": [[None, 1.0], [0.0, 2.0]]},
+    }  # fmt: skip
+
+
+def test_the_page_shows_what_there_is_and_needs_no_network(tmp_path):
+    moved = [whole("eairl-sa", [1.0, 2.0], *MAZES, rule) for rule in ("last", "policy")]
+    (tmp_path / "discussion.md").write_text("**In short.** All of it.\n\nAnd *more*.")
+    results = found(whole("eairl-sa", [9.0, 9.5]), whole("bc", [9.0, 8.0]), table1=moved,
+                    ablations=[whole("eairl-sa+lambda_i=0", [3.0, 4.0], *MAZES, "last")])  # fmt: skip
+    text = page(results, tmp_path)
+    for shown in ("<strong>In short.</strong>", "And <em>more</em>.", "point_maze_left to point_maze_right",
+                  "behaviour cloning", "1.50 ± 0.50", "-7.01 ± 0.61", "eairl reproduce table2 --task ant"):  # fmt: skip
+        assert shown in text
+    assert text.count("data:image/svg+xml") == 5  # overview, two sets of curves, ablations, closeness
+    assert not re.search(r'(src|href)="http', text)
+    assert page(results, tmp_path) == text
 
 
 def found(*table2, table1=(), ablations=()):
