@@ -253,12 +253,12 @@ def closeness_figure(rows: list[dict]) -> str:
     for axis, measure in zip(axes[0], measures, strict=True):
         for row in rows:
             x = np.array(row["closeness"]["target"][measure], float)
-            first = row["task"] == rows[0]["task"]
+            first = row["task"] == rows[0]["task"] and measure == measures[0]
             axis.plot(x, results.normalized(row), "o", color=results.color(row["row"]), alpha=0.7, mec="none",
                       label=results.name(row["row"]) if first else None)  # fmt: skip
         axis.set_xlabel(f"{measure} (in the target)", fontsize=8)
         axis.spines[["top", "right"]].set_visible(False)
-    axes[0, 0].set_ylabel("normalised return in the target")
+    axes[0, 0].set_ylabel("normalised return")
     figure.legend(loc="outside lower center", ncols=6, frameon=False, fontsize=8)
     return _svg(figure)
 

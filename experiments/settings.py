@@ -66,11 +66,13 @@ MAZE = {
 # std to 1.2, where actions are clipped and noise is free (750 after 8M steps).
 WALK = dict(policy_lr=1e-3, gamma=0.995, entropy_weight=0.003, log_std_max=0.0,
             policy_hidden=(64, 64), ppo_epochs=6, snapshot_every=50)  # fmt: skip
+WHOLE_EPISODES = dict(num_envs=16, rollout_length=500, iterations=320)  # what judges trajectories needs
 WALKER = {
     "all": dict(num_envs=128, rollout_length=50, ppo_minibatches=16),
     "imitate": dict(iterations=400),  # 2.56M steps, as in the paper's release
-    "imitate gan_gcl": dict(num_envs=16, rollout_length=500, iterations=320),  # whole episodes
+    "imitate gan_gcl": WHOLE_EPISODES,
     "reward": dict(iterations=400),
+    "reward gan_gcl": WHOLE_EPISODES,
     "retrain": WALK | dict(gae_lambda=0.95, std_end=1.0, log_std_init=-0.5, iterations=1250,
                            restarts=1),
 }  # fmt: skip
@@ -88,8 +90,9 @@ SWIMMER = {
     "all": dict(num_envs=32, rollout_length=250, ppo_minibatches=16, gamma=0.9999, gae_lambda=0.98),
     "expert": dict(policy_lr=1e-3),
     "imitate": dict(iterations=320),  # 2.56M steps, as in the paper's release
-    "imitate gan_gcl": dict(num_envs=16, rollout_length=500),  # whole episodes
+    "imitate gan_gcl": WHOLE_EPISODES,
     "reward": dict(iterations=320),
+    "reward gan_gcl": WHOLE_EPISODES,
     "retrain": dict(policy_lr=1e-3, std_end=1.0, log_std_init=-0.5, log_std_max=1.0,
                     ppo_epochs=8, iterations=200, restarts=1),
 }  # fmt: skip

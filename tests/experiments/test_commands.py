@@ -9,6 +9,7 @@ import shutil
 import numpy as np
 import pytest
 
+import envs
 from eairl_jax import Checkpoints, load_reward
 from eairl_jax.methods import METHODS, names
 from experiments import bench, cli, reproduce, training
@@ -468,6 +469,13 @@ def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys):
     assert run(*arguments) == 0
     again = json.loads((tmp_path / "table2.json").read_text())["rows"]
     assert [r["returns"] for r in again] == [r["returns"] for r in rows]
+
+
+@pytest.mark.parametrize("task", envs.TASKS)
+def test_every_method_has_a_recipe_for_every_task(task):
+    for purpose in ("imitate", "reward"):
+        jobs = prepare(task, names(), ("default",), range(1), None, purpose, ())
+        assert [job.recipe.config.method for job in jobs] == list(names())
 
 
 def test_every_entry_is_checked_before_anything_is_trained():
