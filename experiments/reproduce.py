@@ -92,8 +92,10 @@ def _ablated(pair: tuple[str, str]) -> list[Entry]:
     """The paper's EAIRL and the separable row with one setting changed; the state-only reward with empowerment."""
     rows = [Entry(pair[0], "eairl", form, pair[1], settings=settings)
             for form in ("default", "separable") for settings in ABLATIONS]  # fmt: skip
-    return [*rows, Entry(pair[0], "eairl", "separable", pair[1], settings=("lambda_i=1",)),
-            Entry(pair[0], "eairl", "s", pair[1])]  # fmt: skip
+    # The separable row has Phi and a learned h by itself: Phi alone, and the paper's lambda_I.
+    rows += [Entry(pair[0], "eairl", "separable", pair[1], settings=settings)
+             for settings in (("shaping=empowerment",), ("lambda_i=1",))]  # fmt: skip
+    return [*rows, Entry(pair[0], "eairl", "s", pair[1])]
 
 
 # Cheapest first.
