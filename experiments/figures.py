@@ -10,9 +10,9 @@ import numpy as np
 from eairl_jax import load_reward
 from envs.mjx_task import MjxTask
 from experiments import frames, policies, results
-from experiments.folder import digest
 from experiments.summary import Curve, figure_of, plot
 from experiments.training import say
+from experiments.transfer import learning_path, use_path
 from experiments.view import episodes
 
 GRID = 70  # points a side of a heat map
@@ -54,8 +54,8 @@ def appendix_c(rows: list[dict], out: Path, folder: Path, tasks: tuple[str, ...]
 
 def _runs(row: dict, out: Path) -> tuple[Path, Path]:
     """The folders of a row: where its reward was learned, and where it was put to use."""
-    learned = out / f"learn-{row['task']}-{row['row']}-{digest(row['settings'])}"
-    return learned, out / f"transfer-{row['task']}-to-{row['target']}-{row['row']}-{row['rule']}"
+    learned = learning_path(out, row["task"], row["row"], row["settings"])
+    return learned, use_path(out, row["task"], row["target"], row["row"], row["rule"])
 
 
 def maze_paths(path: Path, task: str, target: str, rows: list[dict], out: Path) -> None:

@@ -186,14 +186,19 @@ def overview(found: dict[str, list[dict]]) -> str:
             published = [cell.published_share for cell in cells if cell.published_share is not None]
             if published:
                 axis.plot(np.mean(published), place, "D", mfc="none", mec="black", ms=5)
-        axis.set_yticks(range(len(names)), [results.name(name) for name in reversed(names)])
-        axis.axvline(1, color="black", lw=0.8, ls="--")
+        _lay_out(axis, names)
         tasks = len({(row["task"], row["target"]) for row in rows})
         axis.set_title(f"{title}, {tasks} task{'s' * (tasks > 1)}", fontsize=10)
         axis.set_xlabel("0 random actions, 1 expert; ◇ the paper")
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.grid(axis="x", alpha=0.3)
     return _svg(figure)
+
+
+def _lay_out(axis, names: list[str]) -> None:
+    """A line for each row, the first above, and the expert's score."""
+    axis.set_yticks(range(len(names)), [results.name(name) for name in reversed(names)])
+    axis.axvline(1, color="black", lw=0.8, ls="--")
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.grid(axis="x", alpha=0.3)
 
 
 def _curves(title: str, rows: list[dict]) -> str:
@@ -214,15 +219,13 @@ def ablation_figure(found: dict[str, list[dict]]) -> str:
     figure, axes = figure_of(1, 1, (8.5, 0.32 * len(rows) + 1), "")
     axis = axes[0, 0]
     for place, row in enumerate(reversed(rows)):
-        own, color = results.normalized(row), results.color(row["row"].split("+")[0])
+        own, color = results.normalized(row), results.color(row["row"])
         axis.plot(own, [place] * len(own), "o", color=color, alpha=0.5, mec="none")
         axis.plot([own.mean()] * 2, [place - 0.3, place + 0.3], color=color, lw=2)
-    axis.set_yticks(range(len(rows)), [results.name(row["row"]) for row in reversed(rows)], fontsize=8)
-    axis.axvline(1, color="black", lw=0.8, ls="--")
+    _lay_out(axis, [row["row"] for row in rows])
+    axis.tick_params(axis="y", labelsize=8)
     (task, target), *_ = pairs
     axis.set_xlabel(f"{task} to {target}: normalised true return, a dot a seed, their mean")
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.grid(axis="x", alpha=0.3)
     return _svg(figure)
 
 

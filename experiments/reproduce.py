@@ -31,7 +31,6 @@ class Entry:
     Attributes:
       target: the task itself asks for a fresh policy on the learned reward where it was learned.
       settings: `name=value` that differ from the recipe.
-      variant: what tells the row from the method's own; the settings, unless told.
     """
 
     task: str
@@ -40,15 +39,13 @@ class Entry:
     target: str | None = None
     rule: str = "last"
     settings: tuple[str, ...] = ()
-    variant: str = ""
 
     @property
     def row(self) -> str:
         """The name of its row, `Job.row`."""
         form = METHODS[self.method].reward_form if self.method in METHODS else ""
         own = f"{self.method}-{self.form.replace('default', form)}" if form else self.method
-        variant = self.variant or "+".join(self.settings)
-        return f"{own}+{variant}" if variant else own
+        return "+".join([own, *self.settings])
 
     @property
     def identity(self) -> tuple:
@@ -156,7 +153,7 @@ def prepare(entry: Entry, seeds: int, quick: bool) -> Job:
     """Checks an entry and makes it ready to train."""
     (job,) = imitate.prepare(entry.task, (entry.method,), (entry.form,), range(FIRST_SEED, FIRST_SEED + seeds), None,
                              entry.purpose, (*entry.settings, *short(quick)))  # fmt: skip
-    return dataclasses.replace(job, variant=entry.row.partition("+")[2])
+    return dataclasses.replace(job, variant="+".join(entry.settings))
 
 
 def train(entry: Entry, job: Job, targets: dict[str, Target], out: Path, line: str) -> dict:

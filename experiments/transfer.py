@@ -46,13 +46,23 @@ def transfer(job: Job, rule: Rule, source: Target, target: Target, out: Path, co
 
 def learning_of(job: Job, out: Path) -> Folder:
     """Where a job's reward is learned."""
-    return Folder(out / f"learn-{job.task}-{job.row}-{digest(job.settings())}", job.settings())
+    return Folder(learning_path(out, job.task, job.row, job.settings()), job.settings())
 
 
 def folder_of(job: Job, rule: Rule, target: Target, out: Path) -> Folder:
     """Where a reward is put to use."""
     settings = job.settings() | target_settings(target) | {"rule": dataclasses.asdict(rule)}
-    return Folder(out / f"transfer-{job.task}-to-{target.task}-{job.row}-{rule}", settings)
+    return Folder(use_path(out, job.task, target.task, job.row, str(rule)), settings)
+
+
+def learning_path(out: Path, task: str, row: str, settings: dict) -> Path:
+    """The folder in `out` where a row's reward is learned; `settings` are its job's."""
+    return out / f"learn-{task}-{row}-{digest(settings)}"
+
+
+def use_path(out: Path, task: str, target: str, row: str, rule: str) -> Path:
+    """The folder in `out` where a row's reward is put to use."""
+    return out / f"transfer-{task}-to-{target}-{row}-{rule}"
 
 
 def learn(folder: Folder, job: Job) -> dict:
