@@ -5,21 +5,17 @@ from __future__ import annotations
 import base64
 import io
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from eairl_jax import InputError
 from experiments import figures, paper, results
-from experiments.aggregate import Estimate, interquartile_mean, probability_of_improvement
+from experiments.aggregate import interquartile_mean
+from experiments.claims import HOLDS, claims, improvements, scores
 from experiments.folder import machine, writable
 from experiments.reproduce import EXPERIMENTS
 from experiments.summary import curve_figure, figure_of
 from experiments.training import console
-
-EQUAL = 0.05  # of normalised score: closer than this counts as the same
-HOLDS = ("yes", "no", "partly", "open")
-Scores = dict[tuple[str, str | None], np.ndarray]  # (task, target) -> normalised scores [seeds]
 
 
 def command(folder: Path | None, out: Path | None) -> None:
@@ -67,100 +63,6 @@ def page(found: dict[str, list[dict]], folder: Path) -> str:
         missing=missing(found),
         machine=machine(),
     )  # fmt: skip
-
-
-def scores(rows: list[dict], row: str, rule: str | None = None) -> Scores:
-    """The normalised scores of a row, for each task or pair of tasks that it was run on."""
-    return {(each["task"], each["target"]): results.normalized(each) for each in rows
-            if each["row"] == row and each.get("rule") == rule}  # fmt: skip
-
-
-def improvement(ours: Scores, theirs: Scores) -> Estimate | None:
-    """Of one row over another, on the tasks that both were run on."""
-    both = [task for task in ours if task in theirs]
-    return probability_of_improvement([ours[t] for t in both], [theirs[t] for t in both]) if both else None
-
-
-class Claim(NamedTuple):
-    """A statement of the paper (or ours), what was found, and whether it holds: one of `HOLDS`."""
-
-    text: str
-    paper: str
-    here: str
-    holds: str
-
-
-def claims(found: dict[str, list[dict]]) -> list[Claim]:
-    """What the paper claims, judged by fixed thresholds on whatever results there are."""
-    imitated, moved, ablated = found["table2"], found["table1"], found["ablations"]
-    mazes, ants = ([row for row in results.moved(moved) if row["task"].startswith(name)]
-                   for name in ("point_maze", "ant"))  # fmt: skip
-    eairl = scores(imitated, "eairl-sa")
-    good = {task: float(s.mean()) for (task, _), s in eairl.items()}
-    said = []
-    said.append(Claim(
-        "EAIRL imitates", "0.65 to 0.99 of the expert",
-        ", ".join(f"{task} {value:.2f}" for task, value in good.items()) or "not run",
-        _all(value >= 0.95 for value in good.values()),
-    ))  # fmt: skip
-    said.append(_compared("EAIRL imitates as well as GAIL", "as well", eairl, scores(imitated, "gail-sa")))
-    said.append(_compared("EAIRL imitates as well as AIRL(s,a)", "as well", eairl, scores(imitated, "airl_sa-sa")))
-    said.append(_compared("EAIRL imitates better than AIRL(s)", "better", eairl, scores(imitated, "airl_s-s")))
-    said.append(_compared("EAIRL imitates better than GAN-GCL", "better", eairl, scores(imitated, "gan_gcl-sa")))
-    for place, rows, aim, theirs in (("the other maze", mazes, 0.9, "-7.01 of -4.98"),
-                                     ("the crippled ant", ants, 0.81, "0.81 of the expert")):  # fmt: skip
-        own, airl_s, airl_sa = (scores(rows, row, "last") for row in ("eairl-sa", "airl_s-s", "airl_sa-sa"))
-        said.append(Claim(f"EAIRL's reward r(s,a) transfers to {place}", theirs, _list(own),
-                          _all(s.mean() >= aim for s in own.values())))  # fmt: skip
-        said.append(_compared(f"There it is better than AIRL(s)'s ({place})", "better", own, airl_s))
-        said.append(_compared(f"There it is better than AIRL(s,a)'s ({place})", "better", own, airl_sa))
-        separable = scores(rows, "eairl-separable", "last")
-        said.append(Claim(f"Ours: a separable reward transfers to {place}", "", _list(separable),
-                          _all(s.min() >= 0.9 for s in separable.values())))  # fmt: skip
-    full = scores(mazes, "eairl-sa", "last")
-    said.append(_compared("Empowerment's Phi is what makes it transfer (against Phi = 0)", "better",
-                          full, scores(ablated, "eairl-sa+shaping=none", "last")))  # fmt: skip
-    return said
-
-
-def _all(conditions) -> str:
-    held = list(conditions)
-    if not held:
-        return "open"
-    return "yes" if all(held) else "partly" if any(held) else "no"
-
-
-def _list(own: Scores) -> str:
-    return ", ".join(f"{s.mean():.2f}" for s in own.values()) or "not run"
-
-
-def _compared(text: str, claimed: str, ours: Scores, theirs: Scores) -> Claim:
-    both = [task for task in ours if task in theirs]
-    if not both:
-        return Claim(text, claimed, "not run", "open")
-    mine, other = (float(np.mean([s[task].mean() for task in both])) for s in (ours, theirs))
-    chance = improvement(ours, theirs)
-    assert chance is not None
-    held = mine >= other - EQUAL if claimed == "as well" else chance.low > 0.5 and mine > other
-    here = f"{mine:.2f} against {other:.2f}; better with probability {chance.value:.2f} "
-    return Claim(text, claimed, f"{here}[{chance.low:.2f}, {chance.high:.2f}]", "yes" if held else "no")
-
-
-def improvements(found: dict[str, list[dict]]) -> list[dict]:
-    """Probability that EAIRL, and its separable form, score above every other row."""
-    compared = []
-    for experiment, row, rule in (("table2", "eairl-sa", None), ("table1", "eairl-sa", "last"),
-                                  ("table1", "eairl-separable", "last")):  # fmt: skip
-        rows = results.moved(found[experiment]) if rule else found[experiment]
-        ours = scores(rows, row, rule)
-        for other in dict.fromkeys(each["row"] for each in rows):
-            theirs = scores(rows, other, rule)
-            chance = improvement(ours, theirs)
-            if other != row and chance:
-                compared.append({"what": "imitation" if rule is None else "transfer", "ours": results.name(row),
-                                 "theirs": results.name(other), "chance": chance,
-                                 "tasks": len([t for t in ours if t in theirs])})  # fmt: skip
-    return compared
 
 
 def overview(found: dict[str, list[dict]]) -> str:

@@ -164,7 +164,8 @@ def train(entry: Entry, job: Job, targets: dict[str, Target], out: Path, line: s
         summary = imitate.imitate(job, where, line)
         curves, steps = Folder(where, job.settings()).curve("true_return", len(job.seeds)), job.recipe.config
     else:
-        rule, source, target = Rule.parse(entry.rule, job.recipe), targets[entry.task], targets[entry.target]
+        source, target = targets[entry.task], targets[entry.target]
+        rule = Rule.parse(entry.rule, job.recipe, source.recipe)
         summary = transfer.transfer(job, rule, source, target, out, line)
         folder = transfer.folder_of(job, rule, target, out)
         if rule.kind == "policy":

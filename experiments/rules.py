@@ -13,10 +13,8 @@ from eairl_jax import InputError, LearnedReward, load_reward
 from experiments.folder import Folder
 from experiments.imitate import Job, describe, snapshot_path, untrained
 from experiments.retrain import Target, retrain, tail
-from experiments.settings import Recipe
+from experiments.settings import Recipe, divisor
 from experiments.training import SOURCE_RETRAIN
-
-SOURCE_RETRAIN_ITERATIONS = 50
 
 
 @dataclass(frozen=True)
@@ -40,14 +38,20 @@ class Rule:
         return f"iteration={self.iteration}" if self.kind == "iteration" else self.kind
 
     @staticmethod
-    def parse(text: str, job_recipe: Recipe) -> Rule:
+    def parse(text: str, job_recipe: Recipe, back_home: Recipe) -> Rule:
         """Reads `last`, `source_retrain`, `iteration=N`, `random` or `policy`.
+
+        Args:
+          job_recipe: how the reward is learned.
+          back_home: how policies are trained on a reward in the source task.
 
         Raises:
           InputError: for anything else, or an N of which no snapshot is kept.
         """
-        if text in ("last", "source_retrain", "random", "policy"):
-            return Rule(text, iterations=SOURCE_RETRAIN_ITERATIONS if text == "source_retrain" else 0)
+        if text == "source_retrain":
+            return Rule(text, repeats=min(2, back_home.restarts), iterations=back_home.source_retrain_iterations)
+        if text in ("last", "random", "policy"):
+            return Rule(text)
         name, _, number = text.partition("=")
         kept = snapshots_of(job_recipe)
         if name != "iteration" or not number.isdigit():
@@ -83,9 +87,8 @@ def choose_reward(
     labels = [{"repeat": repeat, "snapshot": iteration, "seed": seed}
               for repeat in range(rule.repeats) for iteration in kept for seed in job.seeds]  # fmt: skip
     config = dataclasses.replace(source.recipe.config, iterations=rule.iterations)
-    short = dataclasses.replace(
-        source, recipe=dataclasses.replace(source.recipe, config=config, snapshot_every=rule.iterations // 2)
-    )
+    chunk = divisor(rule.iterations, max(1, rule.iterations // 2))
+    short = dataclasses.replace(source, recipe=dataclasses.replace(source.recipe, config=config, snapshot_every=chunk))
     inner = Folder(folder.path / "source_retrain", {"rule": dataclasses.asdict(rule)})
     title = f"{job.row}: retraining on {len(kept)} snapshots in {job.task}"
     retrain(inner, title, short, rewards[0], params, labels, SOURCE_RETRAIN)

@@ -26,12 +26,14 @@ class Recipe:
       config, hparams: static settings, and floats.
       snapshot_every: iterations between snapshots.
       restarts: policies trained for each score; the one that its own reward rates best is kept.
+      source_retrain_iterations: length of a training by which `source_retrain` judges a snapshot.
     """
 
     config: Config
     hparams: HParams
     snapshot_every: int
     restarts: int = 1
+    source_retrain_iterations: int = 1
 
 
 # Appendix D.2: entropy and lambda_I 0.001 to imitate, 0.1 and 1.0 to learn a reward; Phi' synced every 2 and 5.
@@ -45,7 +47,7 @@ PURPOSE_DEFAULTS: dict[str, dict[str, Any]] = {
     # by the true return in the left maze; gamma and lambda by *learned* returns alone, of rewards put to use elsewhere.
     "retrain": dict(policy_lr=1.5e-3, policy_lr_end=0.1, gamma=0.999, gae_lambda=1.0, entropy_weight=0.01,
                     entropy_end=0.0, std_end=0.05, log_std_init=1.0, log_std_max=1.2, ppo_epochs=4, ppo_minibatches=8,
-                    iterations=80, snapshot_every=40, restarts=4),
+                    iterations=80, snapshot_every=40, restarts=4, source_retrain_iterations=50),
 }  # fmt: skip
 
 # MaxEnt IRL takes an expert to be stochastic. Without a floor under its std PPO reaches -4.2 in the maze, but so narrow
@@ -74,7 +76,7 @@ WALKER = {
     "reward": dict(iterations=400),
     "reward gan_gcl": WHOLE_EPISODES,
     "retrain": WALK | dict(gae_lambda=0.95, std_end=1.0, log_std_init=-0.5, iterations=1250,
-                           restarts=1),
+                           restarts=1, source_retrain_iterations=250),
 }  # fmt: skip
 ANT = WALKER | {"expert": WALK | dict(iterations=3000)}
 # The crippled ant wants just that noise: 550 after 8M steps, where the ant's settings stop at 350 (3M steps).
@@ -94,7 +96,7 @@ SWIMMER = {
     "reward": dict(iterations=320),
     "reward gan_gcl": WHOLE_EPISODES,
     "retrain": dict(policy_lr=1e-3, std_end=1.0, log_std_init=-0.5, log_std_max=1.0,
-                    ppo_epochs=8, iterations=200, restarts=1),
+                    ppo_epochs=8, iterations=200, restarts=1, source_retrain_iterations=100),
 }  # fmt: skip
 
 # One iteration of a maze is 32 whole episodes, of the pendulum the paper's 2,000 steps.
@@ -125,6 +127,7 @@ def recipe(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any]) -> 
         merged |= own.get(f"{purpose} {overrides.get(name)}", {})
     merged |= overrides
     snapshot_every, restarts = merged.pop("snapshot_every"), merged.pop("restarts", 1)
+    judged_after = merged.pop("source_retrain_iterations", 1)
     # A penalty costs time, so it is computed only where its weight is not 0.
     wanted = {"gradient": merged.get("gradient_penalty"), "action_variance": merged.get("action_variance")}
     merged["penalties"] = tuple(name for name, weight in wanted.items() if weight)
@@ -137,11 +140,12 @@ def recipe(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any]) -> 
     if config.iterations % snapshot_every:
         raise InputError(
             f"iterations = {config.iterations} is not a multiple of snapshot_every = {snapshot_every}: "
-            f"try --set snapshot_every={_divisor(config.iterations, snapshot_every)}"
+            f"try --set snapshot_every={divisor(config.iterations, snapshot_every)}"
         )
     if restarts < 1:
         raise InputError(f"--restarts {restarts}: expected at least 1")
-    return Recipe(config, hparams, snapshot_every, restarts)
+    # Never longer than the training that it stands for.
+    return Recipe(config, hparams, snapshot_every, restarts, min(judged_after, config.iterations))
 
 
 def check_hparams(hparams: HParams, config: Config) -> None:
@@ -186,7 +190,7 @@ def _parse(name: str, text: str, default: Any) -> Any:
         raise InputError(f"--set {name}={text}: expected something like {name}={example}") from None
 
 
-def _divisor(iterations: int, near: int) -> int:
+def divisor(iterations: int, near: int) -> int:
     """The largest divisor of `iterations` that is at most `near`."""
     return next(n for n in range(min(near, iterations), 0, -1) if iterations % n == 0)
 

@@ -131,8 +131,8 @@ def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str
         for job in jobs:
             if not job.has_reward:
                 raise InputError(f"{job.row} learns no reward to transfer: choose one of {', '.join(METHODS)}")
-        pairs = [(job, Rule.parse(rule, job.recipe)) for job in jobs for rule in rules]
         back_home = as_target(source, source_env, retrain_assignments)
+        pairs = [(job, Rule.parse(rule, job.recipe, back_home.recipe)) for job in jobs for rule in rules]
         summaries = [transfer(job, rule, back_home, put_to_use, out or RUNS, line) for job, rule in pairs]
     known, best = put_to_use.reference, np.array(summaries[0]["ceiling"])
     rows = [

@@ -26,5 +26,4 @@ def tiny(monkeypatch):
     monkeypatch.setattr("experiments.training.EVALUATION_EPISODES", 2)
     monkeypatch.setattr("experiments.demos.SCORE_EPISODES", 2)
     monkeypatch.setattr("experiments.reference.SCORE_EPISODES", 2)
-    monkeypatch.setattr("experiments.rules.SOURCE_RETRAIN_ITERATIONS", 2)
     return TINY

@@ -16,6 +16,7 @@ from experiments import bench, cli, reproduce, training
 from experiments.imitate import prepare
 from experiments.reproduce import Entry
 from experiments.rules import Rule
+from experiments.settings import recipe
 from experiments.summary import Row, print_table
 
 
@@ -479,8 +480,7 @@ def test_every_method_has_a_recipe_for_every_task(task):
 
 
 def test_every_entry_is_checked_before_anything_is_trained():
-    entries = {experiment: [*listed] for experiment, listed in reproduce.EXPERIMENTS.items()}
-    for listed in entries.values():
+    for listed in reproduce.EXPERIMENTS.values():
         assert len({entry.identity for entry in listed}) == len(listed)
         seen = {}
         for entry in listed:
@@ -489,7 +489,7 @@ def test_every_entry_is_checked_before_anything_is_trained():
             seen[key] = job
             assert job.row == entry.row
             if entry.target:
-                Rule.parse(entry.rule, job.recipe)
+                Rule.parse(entry.rule, job.recipe, recipe(entry.task, job.env, "retrain", {}))
 
 
 @pytest.mark.slow

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from experiments import reproduce
-from experiments.report import EXPERIMENTS, claims, improvements, missing, page
+from experiments.claims import claims, improvements
+from experiments.report import EXPERIMENTS, missing, page
 
 MAZES = ("point_maze_left", "point_maze_right")
 
