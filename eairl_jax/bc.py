@@ -7,7 +7,6 @@ import jax.numpy as jnp
 
 from eairl_jax import actor, optimize
 from eairl_jax.config import Config
-from eairl_jax.normalize import flat_size
 from eairl_jax.optimizers import make_optimizer
 from eairl_jax.rl import RLState, make_rl
 from eairl_jax.types import Algorithm, Demonstrations, Env, HParams
@@ -22,7 +21,7 @@ def make_bc(env: Env, config: Config) -> Algorithm:
     Raises:
       InputError: for an environment without flat observations.
     """
-    optimizer = make_optimizer(flat_size(env), env.action_size, config)
+    optimizer = make_optimizer(env, config)
 
     def step(state: RLState, hparams: HParams, demos: Demonstrations):
         hparams = hparams.at(state.actor.iteration / config.iterations)
@@ -35,7 +34,9 @@ def make_bc(env: Env, config: Config) -> Algorithm:
             log_prob = pi.log_prob(x.action).mean()
             return -log_prob, {"log_prob_expert": log_prob, "entropy": pi.entropy().mean()}
 
-        drawn = optimize.draw(draw_key, demos, 2, config.discriminator_updates, config.discriminator_batch)
+        drawn = optimize.draw(
+            draw_key, actor.seen(demos, env, config), 2, config.discriminator_updates, config.discriminator_batch
+        )
         nets, metrics = optimize.fit(policy.nets, loss, actor.normalized(acting, drawn), hparams.policy_lr)
         metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": jnp.zeros(())}
         return RLState(key, actor.finish(acting, policy.replace(nets=nets), raw, config)), metrics

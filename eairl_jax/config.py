@@ -36,6 +36,10 @@ class Config:
     """Of the policy and the inverse model: "relu" (Appendix D.1), "tanh"; "default": the method's own."""
     state_dependent_std: bool = False
     """Whether the stds of the policy and of the inverse model depend on their inputs."""
+    actions: str = "drawn"
+    """The actions that policies, rewards and inverse models are about: "drawn", the Gaussian's samples, which the
+    environment clips out of sight (the paper's release), or "executed". Experts draw actions far beyond their bounds;
+    how far changes nothing, but a discriminator of drawn actions sees it."""
     log_std_init: float = -0.5
     log_std_min: float = -5.0
     log_std_max: float = 0.5
@@ -157,6 +161,7 @@ METHODS_OWN: dict[str, tuple[str, ...]] = {
 
 CHOICES: dict[str, tuple] = {
     "activation": ("relu", "tanh"),
+    "actions": ("drawn", "executed"),
     "normalize_obs": ("task", "running", "none"),
     "reward_obs": ("normalized", "raw"),
     "optimizer": ("ppo", "trpo"),

@@ -64,9 +64,9 @@ def init(key: Key, obs_size: int, action_size: int, config: Config) -> Empowerme
     return Empowerment(optimize.start(inverse), optimize.start(phi), jax.tree.map(jnp.copy, phi))
 
 
-def q_distribution(params: PyTree, x, config: Config) -> Gaussian:
-    """q(.|s,s'), observations normalised."""
-    return GaussianMLP(x.action.shape[-1], config).apply(params, x.obs, x.next_obs)  # pyright: ignore
+def q_distribution(params: PyTree, x, config: Config, limit: float = 1.0) -> Gaussian:
+    """q(.|s,s'), observations normalised; `limit` is the environment's bound of actions."""
+    return GaussianMLP(x.action.shape[-1], config, limit).apply(params, x.obs, x.next_obs)  # pyright: ignore
 
 
 def phi(params: PyTree, obs: jax.Array, config: Config) -> jax.Array:
@@ -88,9 +88,9 @@ class Terms(NamedTuple):
     action: jax.Array
 
 
-def terms(key: Key, q_params: PyTree, pi: Gaussian, x: Transition, config: Config) -> Terms:
+def terms(key: Key, q_params: PyTree, pi: Gaussian, x: Transition, config: Config, limit: float = 1.0) -> Terms:
     """log q and log pi of the actions taken, or of actions drawn from q and from pi, each on its own (the release)."""
-    q = q_distribution(q_params, x, config)
+    q = q_distribution(q_params, x, config, limit)
     if config.l_i_actions == "taken":
         return Terms(q.log_prob(x.action), x.log_prob, x.action)
     q_noise, pi_noise = jax.random.normal(key, (2, *x.action.shape))
@@ -99,18 +99,19 @@ def terms(key: Key, q_params: PyTree, pi: Gaussian, x: Transition, config: Confi
 
 
 def fit(
-    key: Key, state: Empowerment, batch: Transition, pi: Callable, hparams: HParams, config: Config
+    key: Key, state: Empowerment, batch: Transition, pi: Callable, hparams: HParams, config: Config, limit: float = 1.0
 ) -> tuple[Empowerment, Metrics]:
     """Fits q by l_q, then Phi by l_I against the q just fitted, on the policy's own transitions `[T, N, ...]`.
 
     Args:
       pi: `obs -> Gaussian`, the policy that acted.
+      limit: the largest magnitude of an executed action.
     """
     q_key, phi_key = jax.random.split(key)
     count = (2, config.empowerment_updates, config.empowerment_batch)
 
     def q_loss(params, x: Transition):
-        loss = l_q(q_distribution(params, x, config), x.action, config.inverse_loss).mean()
+        loss = l_q(q_distribution(params, x, config, limit), x.action, config.inverse_loss).mean()
         return loss, {"l_q": loss}
 
     inverse, q_metrics = optimize.fit(state.inverse, q_loss, optimize.draw(q_key, batch, *count), hparams.inverse_lr)
@@ -122,7 +123,7 @@ def fit(
         return loss, {"l_i": loss, "empowerment": potential.mean(), "empowerment_std": potential.std()}
 
     x = optimize.draw(phi_key, batch, *count)
-    own = terms(jax.random.fold_in(phi_key, 1), inverse.params, pi(x.obs), x, config)
+    own = terms(jax.random.fold_in(phi_key, 1), inverse.params, pi(x.obs), x, config, limit)
     fitted, phi_metrics = optimize.fit(state.phi, phi_loss, (x.obs, own), hparams.phi_lr)
     return Empowerment(inverse, fitted, state.phi_target), q_metrics | phi_metrics
 
@@ -134,7 +135,7 @@ def sync(state: Empowerment, iteration: jax.Array, config: Config) -> Empowermen
     return Empowerment(state.inverse, state.phi, copied)
 
 
-def with_l_i(key: Key, tau: Transition, pi, emp, hparams: HParams, config: Config):
+def with_l_i(key: Key, tau: Transition, pi, emp, hparams: HParams, config: Config, limit: float = 1.0):
     """lambda_I l_I where `config.l_i_in` says: in the reward, or as a cost on the policy (Eq. 11).
 
     Returns:
@@ -142,7 +143,7 @@ def with_l_i(key: Key, tau: Transition, pi, emp, hparams: HParams, config: Confi
     """
     if not emp:
         return tau, no_penalty, ()
-    own = terms(key, emp.inverse.params, pi(tau.obs), tau, config)
+    own = terms(key, emp.inverse.params, pi(tau.obs), tau, config, limit)
     potential = phi(emp.phi.params, tau.obs, config)
 
     def cost(log_prob, log_q, potential):

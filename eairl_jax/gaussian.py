@@ -1,10 +1,11 @@
-"""Diagonal Gaussian over actions. No squashing: log-probabilities are those of the unclipped sample."""
+"""Diagonal Gaussians over actions: of the sample before it is clipped, or of what is executed."""
 
 from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
 from flax import struct
+from jax.scipy.special import log_ndtr
 
 LOG_2PI = 1.8378770664093453
 
@@ -39,3 +40,43 @@ class Gaussian:
         log_ratio = self.log_std - other.log_std
         squared = jnp.exp(2 * log_ratio) + ((self.mean - other.mean) * jnp.exp(-other.log_std)) ** 2
         return jnp.sum(0.5 * (squared - 1.0) - log_ratio, axis=-1)
+
+
+@struct.dataclass
+class Censored(Gaussian):
+    """A diagonal Gaussian of which only what is executed is seen: samples are clipped to [-limit, limit].
+
+    Its probabilities are densities inside the bounds and masses on them: `P(a = limit) = P(sample >= limit)`. PPO's
+    gradient is then that of Fujita and Maeda (2018). `kl` stays the Gaussians', an upper bound.
+
+    Attributes:
+      limit: the largest magnitude that is executed.
+    """
+
+    limit: float = struct.field(pytree_node=False, default=1.0)
+
+    def sample(self, noise: jax.Array) -> jax.Array:
+        """Turns standard normal noise `[..., act]` into an executed action `[..., act]`."""
+        return jnp.clip(super().sample(noise), -self.limit, self.limit)
+
+    def log_prob(self, action: jax.Array) -> jax.Array:
+        """Log-probability `[...]` of executed actions `[..., act]`."""
+        scale = jnp.exp(-self.log_std)
+        density = -0.5 * ((action - self.mean) * scale) ** 2 - self.log_std - 0.5 * LOG_2PI
+        at_bound = log_ndtr((jnp.sign(action) * self.mean - self.limit) * scale)
+        return jnp.sum(jnp.where(jnp.abs(action) < self.limit, density, at_bound), axis=-1)
+
+    def entropy(self) -> jax.Array:
+        """Entropy `[...]` in nats of what is executed: differential inside the bounds, of the masses on them."""
+        scale = jnp.exp(-self.log_std)
+        to_low, to_high = (-self.limit - self.mean) * scale, (self.limit - self.mean) * scale
+        low, high = log_ndtr(to_low), log_ndtr(-to_high)
+        inside = 1.0 - jnp.exp(low) - jnp.exp(high)
+        # -E[log density; inside] = inside (log std + log(2 pi) / 2) + E[z^2; inside] / 2
+        squared = inside + to_low * _standard_density(to_low) - to_high * _standard_density(to_high)
+        within = inside * (self.log_std + 0.5 * LOG_2PI) + 0.5 * squared
+        return jnp.sum(within - low * jnp.exp(low) - high * jnp.exp(high), axis=-1)
+
+
+def _standard_density(z: jax.Array) -> jax.Array:
+    return jnp.exp(-0.5 * z**2 - 0.5 * LOG_2PI)

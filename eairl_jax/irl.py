@@ -11,7 +11,7 @@ from collections.abc import Callable
 import jax
 from flax import struct
 
-from eairl_jax import actor, discriminator, empowerment, history, methods, normalize, optimize, samples
+from eairl_jax import actor, discriminator, empowerment, history, methods, normalize, optimize, rollout, samples
 from eairl_jax.config import Config
 from eairl_jax.optimizers import make_optimizer
 from eairl_jax.types import Algorithm, Demonstrations, Env, HParams, Key, PyTree
@@ -53,7 +53,8 @@ def make_irl(env: Env, config: Config) -> Algorithm:
     config = methods.resolve(config)
     samples.check_segments(config)
     obs_size, action_size = normalize.flat_size(env), env.action_size
-    optimizer = make_optimizer(obs_size, action_size, config)
+    optimizer = make_optimizer(env, config)
+    limit = rollout.action_limit(env)
     uses_empowerment = methods.uses_empowerment(config)
 
     def init(key: Key, hparams: HParams) -> IRLState:
@@ -78,11 +79,11 @@ def make_irl(env: Env, config: Config) -> Algorithm:
 
         # phi, varphi: the inverse model by l_q, then the empowerment by l_I
         def fit_empowerment(emp):
-            return empowerment.fit(emp_key, emp, tau, pi, hparams, config) if emp else (None, {})
+            return empowerment.fit(emp_key, emp, tau, pi, hparams, config, limit) if emp else (None, {})
 
         # xi: the discriminator, hence the reward
         def fit_discriminator(emp):
-            expert, policy = samples.draw(d_key, demos, past, raw, config)
+            expert, policy = samples.draw(d_key, actor.seen(demos, env, config), past, raw, config)
             pair = (samples.prepare(x, pi, emp, acting, hparams, config) for x in (expert, policy))
             return discriminator.fit(state.discriminator, *pair, hparams, config)
 
@@ -97,7 +98,8 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         seen = samples.prepare(raw, None, emp, acting, hparams, config, scoring=True)
         logit = discriminator.logit_expert_high(d.params, seen, discriminator.shaping_discount(hparams, config), config)
         tau = tau._replace(reward=methods.METHODS[config.method].policy_reward(logit))
-        tau, penalty, penalty_data = empowerment.with_l_i(jax.random.fold_in(pi_key, 1), tau, pi, emp, hparams, config)
+        l_i_key = jax.random.fold_in(pi_key, 1)
+        tau, penalty, penalty_data = empowerment.with_l_i(l_i_key, tau, pi, emp, hparams, config, limit)
         policy, pi_metrics = optimizer.update(pi_key, acting.policy, tau, penalty, penalty_data, hparams)
 
         # varphi': the slow copy of the empowerment

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from eairl_jax.config import Config
-from eairl_jax.gaussian import Gaussian
+from eairl_jax.gaussian import Censored, Gaussian
 
 ACTIVATIONS: dict[str, Callable] = {"relu": nn.relu, "tanh": nn.tanh}
 
@@ -46,6 +46,7 @@ class GaussianMLP(nn.Module):
 
     action_size: int
     config: Config
+    action_limit: float = 1.0
 
     @nn.compact
     def __call__(self, *inputs) -> Gaussian:
@@ -58,13 +59,14 @@ class GaussianMLP(nn.Module):
             mean, raw = jnp.split(out, 2, axis=-1)
         else:
             mean, raw = out, self.param("raw_log_std", nn.initializers.zeros, (self.action_size,))
-        return Gaussian(mean, jnp.broadcast_to(self.log_std(raw), mean.shape))
+        log_std = jnp.broadcast_to(self.log_std(raw), mean.shape)
+        return Censored(mean, log_std, self.action_limit) if config.actions == "executed" else Gaussian(mean, log_std)
 
     def log_std(self, raw: jax.Array) -> jax.Array:
         """`log_std_init` at 0, slope 1 there, never above `log_std_max` nor below `log_std_min`.
 
-        The upper bound matters: what is executed is clipped, log pi is not, so an adversarial reward pays a
-        policy for entropy that costs it nothing, and an unbounded std runs away.
+        The upper bound matters where actions are those "drawn": what is executed is clipped, log pi is not, so an
+        adversarial reward pays a policy for entropy that costs it nothing, and an unbounded std runs away.
         """
         low, high, start = self.config.log_std_min, self.config.log_std_max, self.config.log_std_init
         part = (start - low) / (high - low)

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from eairl_jax.config import Config
+from eairl_jax.normalize import flat_size
 from eairl_jax.ppo import ppo
+from eairl_jax.rollout import action_limit
 from eairl_jax.trpo import trpo
-from eairl_jax.types import PolicyOptimizer
+from eairl_jax.types import Env, PolicyOptimizer
 
 OPTIMIZERS = {"ppo": ppo, "trpo": trpo}
 
 
-def make_optimizer(obs_size: int, action_size: int, config: Config) -> PolicyOptimizer:
-    """The one that `config.optimizer` names."""
-    return OPTIMIZERS[config.optimizer](obs_size, action_size, config)
+def make_optimizer(env: Env, config: Config) -> PolicyOptimizer:
+    """The one that `config.optimizer` names, for policies that act in `env`.
+
+    Raises:
+      InputError: for an environment without flat observations.
+    """
+    return OPTIMIZERS[config.optimizer](flat_size(env), env.action_size, config, action_limit(env))

@@ -56,9 +56,9 @@ class Networks:
     critic: Scalar
 
     @staticmethod
-    def build(action_size: int, config: Config) -> Networks:
+    def build(action_size: int, config: Config, action_limit: float = 1.0) -> Networks:
         """Those that a configuration asks for."""
-        return Networks(GaussianMLP(action_size, config), value(config))
+        return Networks(GaussianMLP(action_size, config, action_limit), value(config))
 
     def init(self, key: Key, obs_size: int) -> PolicyState:
         """Fresh networks."""
@@ -70,7 +70,7 @@ class Networks:
     def pi(self, actor_params: PyTree, log_std_offset: jax.Array, obs: jax.Array) -> Gaussian:
         """pi(.|s) by the parameters of an actor, `[..., obs]`."""
         raw: Gaussian = self.actor.apply(actor_params, obs)  # pyright: ignore
-        return Gaussian(raw.mean, raw.log_std + log_std_offset)
+        return raw.replace(log_std=raw.log_std + log_std_offset)  # pyright: ignore
 
     def distribution(self, policy: PolicyState, obs: jax.Array) -> Gaussian:
         """pi(.|s) `[..., obs]`."""

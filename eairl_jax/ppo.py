@@ -11,9 +11,9 @@ from eairl_jax.policy import Batch, Networks, PolicyState, minibatches
 from eairl_jax.types import PolicyOptimizer
 
 
-def ppo(obs_size: int, action_size: int, config: Config) -> PolicyOptimizer:
+def ppo(obs_size: int, action_size: int, config: Config, action_limit: float = 1.0) -> PolicyOptimizer:
     """PPO with a clipped objective, policy and value function in one loss."""
-    nets = Networks.build(action_size, config)
+    nets = Networks.build(action_size, config, action_limit)
 
     def loss(params, log_std_offset, minibatch: Batch, penalty, hparams):
         pi = nets.pi(params["actor"], log_std_offset, minibatch.obs)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import jax
 from flax import struct
 
-from eairl_jax import actor, normalize
+from eairl_jax import actor
 from eairl_jax.config import Config
 from eairl_jax.optimizers import make_optimizer
 from eairl_jax.types import Algorithm, Env, HParams, Key, PyTree, Transition, no_penalty
@@ -36,7 +36,7 @@ def make_rl(
     Raises:
       InputError: for an environment without flat observations.
     """
-    optimizer = make_optimizer(normalize.flat_size(env), env.action_size, config)
+    optimizer = make_optimizer(env, config)
 
     def init(key: Key, hparams: HParams) -> RLState:
         del hparams  # no rate is part of the state

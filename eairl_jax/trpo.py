@@ -65,9 +65,9 @@ def line_search(
     return jnp.where(fraction > 0, theta + fraction * full_step, theta), fraction
 
 
-def trpo(obs_size: int, action_size: int, config: Config) -> PolicyOptimizer:
+def trpo(obs_size: int, action_size: int, config: Config, action_limit: float = 1.0) -> PolicyOptimizer:
     """TRPO: one natural-gradient step an iteration for the policy, Adam on minibatches for the value function."""
-    nets = Networks.build(action_size, config)
+    nets = Networks.build(action_size, config, action_limit)
 
     def update(key, policy: PolicyState, batch, penalty, penalty_data, hparams):
         policy, prepared, explained = nets.prepare(policy, batch, penalty_data, hparams)

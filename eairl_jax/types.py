@@ -38,7 +38,8 @@ class Transition(NamedTuple):
 
     Attributes:
       obs: `[T, N, obs]` s, as the environment gave it.
-      action: `[T, N, act]` a, the Gaussian sample *before* any clipping, so that `log_prob` is its density.
+      action: `[T, N, act]` a, the Gaussian sample *before* any clipping, so that `log_prob` is its density; with
+        `Config.actions` "executed" what was executed, and its log-probability.
       log_prob: `[T, N]` log pi(a|s) under the policy that acted.
       next_obs: `[T, N, obs]` s', before any auto-reset.
       reward: `[T, N]` the environment's true reward, or the learned one once it was put in its place.

@@ -135,7 +135,7 @@ def whole_iterations(job: Job, iterations: int) -> tuple[dict[str, Callable[[], 
 def stages(job: Job, iterations: int) -> dict[str, Callable[[], None]]:
     """A program for each stage of an iteration of one seed, and one for the simulation in it alone."""
     config, hparams, env = resolve(job.recipe.config), job.recipe.hparams, job.env
-    optimizer = make_optimizer(env.observation_size, env.action_size, config)
+    optimizer = make_optimizer(env, config)
     state = jax.jit(make_irl(env, config).init)(jax.random.PRNGKey(0), hparams)
     acting, raw = jax.jit(lambda s: actor.collect(s.key, s.actor, env, optimizer, config))(state)
     past, tau = history.add(state.history, raw), actor.normalized(acting, raw)
@@ -144,7 +144,7 @@ def stages(job: Job, iterations: int) -> dict[str, Callable[[], None]]:
         return optimizer.distribution(acting.policy, obs)
 
     def discriminate(key, d):
-        drawn = samples.draw(key, job.demos, past, raw, config)
+        drawn = samples.draw(key, actor.seen(job.demos, env, config), past, raw, config)
         pair = (samples.prepare(x, pi, state.empowerment, acting, hparams, config) for x in drawn)
         return discriminator.fit(d, *pair, hparams, config)[0]
 
@@ -156,7 +156,7 @@ def stages(job: Job, iterations: int) -> dict[str, Callable[[], None]]:
     }
     if state.empowerment:
         programs["empowerment"] = (
-            lambda key, emp: empowerment.fit(key, emp, tau, pi, hparams, config)[0],
+            lambda key, emp: empowerment.fit(key, emp, tau, pi, hparams, config, env.action_limit)[0],
             state.empowerment,
         )
     return {name: _repeat(stage, start, iterations) for name, (stage, start) in programs.items()}

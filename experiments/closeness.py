@@ -15,6 +15,7 @@ import numpy as np
 from scipy import stats
 
 from eairl_jax import Demonstrations, LearnedReward, demonstrations, load_reward, random_policy, reward_function
+from eairl_jax.actor import seen
 from eairl_jax.artefact import read_json, write_json
 from eairl_jax.types import Key, PyTree
 from envs.mjx_task import MjxTask
@@ -96,6 +97,7 @@ def of_task(
     Args:
       act, state: the imitating policies, `Algorithm.act` and its states `[seeds, ...]`.
     """
+    expert = seen(expert, env, reward.config)
     function, true = reward_function(reward.config), lambda state, action: env.step(state, action).reward
 
     @jax.jit

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from eairl_jax import Algorithm, Lanes, LearnedReward, demonstrations, make_rl, reward_function
-from eairl_jax.types import PyTree
+from eairl_jax.types import PyTree, Transition
 from envs.mjx_task import MjxTask
 from experiments.algorithms import refuse_meaningless
 from experiments.folder import Folder, digest
@@ -69,7 +70,13 @@ def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | 
         algorithm = make_rl(target.env, target.recipe.config)
     else:
         function = reward_function(reward.config)
-        algorithm = make_rl(target.env, target.recipe.config, lambda params, tau: function(params, tau.obs, tau.action))
+        executed, limit = reward.config.actions == "executed", target.env.action_limit
+
+        def of(params: PyTree, tau: Transition):
+            """The reward of actions as it has come to know them, whichever the policy's are."""
+            return function(params, tau.obs, jnp.clip(tau.action, -limit, limit) if executed else tau.action)
+
+        algorithm = make_rl(target.env, target.recipe.config, of)
     keys = lane_keys(phase, *([label[name] for label in labels] for name in labels[0]))
     lanes = Lanes(algorithm, keys, target.recipe.hparams, params, data_per_lane=reward is not None)
     return algorithm, train(folder, title, lanes, target.recipe, labels)

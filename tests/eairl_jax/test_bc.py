@@ -88,3 +88,12 @@ def test_the_metric_is_the_likelihood_of_what_the_expert_did(clone, linear_exper
     mean, std = algorithm.act(before, linear_expert.obs, None), np.exp(-0.5)
     every = stats.norm(mean, std).logpdf(linear_expert.action).sum(axis=-1)
     assert abs(metrics["log_prob_expert"][0] - every.mean()) < 4 * every.std() / np.sqrt(20 * 64)
+
+
+def test_of_executed_actions_the_part_beyond_the_bound_has_no_effect(clone):
+    obs = np.random.default_rng(0).normal(size=(3, 5, 4)).astype(np.float32)
+    action = 0.5 + obs[..., :2]
+    far = np.where(action > 1.0, 9.0, action)
+    assert (far == 9.0).any()
+    once, again = (clone(made_of(obs, x), iterations=2, actions="executed") for x in (action, far))
+    jax.tree.map(np.testing.assert_array_equal, once[2], again[2])

@@ -342,3 +342,25 @@ def test_eairl_runs_on_an_mjx_task(tiny):
     assert (state.actor.iteration, state.actor.obs_stats.count) == (2, 2 * 24)
     assert jax.tree.structure(before) == jax.tree.structure(state)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state))
+
+
+@pytest.mark.parametrize("changes", [{}, {"l_i_actions": "drawn"}], ids=["taken", "drawn"])
+def test_of_executed_actions_the_part_beyond_the_bound_has_no_effect(toy, tiny, demos, changes):
+    limit = 0.4
+    env, config = toy(ends_at=4, action_limit=limit), tiny(actions="executed", log_std_init=0.4, **changes)
+    algorithm = make_irl(env, config)
+    start, step = jax.jit(algorithm.init)(jax.random.PRNGKey(0), HPARAMS), jax.jit(algorithm.step)
+    far = demos._replace(action=jnp.where(demos.action > limit, 9.0, demos.action))
+    assert float((far.action == 9.0).mean()) > 0.5
+    once, again = (step(start, HPARAMS, x) for x in (demos, far))
+    jax.tree.map(np.testing.assert_array_equal, once, again)
+
+    state, _ = once
+    x = jax.tree.map(lambda ring: ring[0], state.history.transitions)
+    assert float(jnp.abs(x.action).max()) == np.float32(limit)  # what the discriminator sees of the policy
+    np.testing.assert_array_equal(x.next_obs[..., 1:3], x.action)  # and what the environment did
+    pi = ppo(4, 2, config, limit).distribution(start.actor.policy, x.obs)
+    mass = stats.norm.logsf((limit - np.asarray(pi.mean)) / np.exp(np.asarray(pi.log_std)))
+    at_high = np.asarray(x.action == np.float32(limit)).all(axis=-1)
+    assert at_high.any()
+    np.testing.assert_allclose(np.asarray(x.log_prob)[at_high], mass.sum(axis=-1)[at_high], rtol=1e-4)
