@@ -40,13 +40,13 @@ def claims(found: dict[str, list[dict]]) -> list[Claim]:
     mazes, ants = ([row for row in results.moved(moved) if row["task"].startswith(name)]
                    for name in ("point_maze", "ant"))  # fmt: skip
     eairl = scores(imitated, "eairl-sa")
-    good = {task: float(s.mean()) for (task, _), s in eairl.items()}
     said = []
-    said.append(Claim(
-        "EAIRL imitates", "0.65 to 0.99 of the expert",
-        ", ".join(f"{task} {value:.2f}" for task, value in good.items()) or "not run",
-        _all(value >= 0.95 for value in good.values()),
-    ))  # fmt: skip
+    for text, theirs, own in (
+        ("EAIRL imitates", "0.65 to 0.99 of the expert", eairl),
+        ("Ours: so it does with settings that were tuned", "", scores(imitated, "eairl-sa+tuned")),
+    ):
+        each = ", ".join(f"{task} {s.mean():.2f}" for (task, _), s in own.items())
+        said.append(Claim(text, theirs, each or "not run", _all(s.mean() >= 0.95 for s in own.values())))
     said.append(_compared("EAIRL imitates as well as GAIL", "as well", eairl, scores(imitated, "gail-sa")))
     said.append(_compared("EAIRL imitates as well as AIRL(s,a)", "as well", eairl, scores(imitated, "airl_sa-sa")))
     said.append(_compared("EAIRL imitates better than AIRL(s)", "better", eairl, scores(imitated, "airl_s-s")))

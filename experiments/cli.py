@@ -40,6 +40,9 @@ Demos = Annotated[
     Path | None, arg(metavar="FILE", help="Demonstrations (.npz). Default: the 20 episodes that we ship.")
 ]
 Optimizer = Annotated[Literal["ppo", "trpo"], arg(help="How policies are trained.")]
+Tuned = Annotated[
+    bool, arg(help="Settings of ours, found with other seeds of the source task, where the paper's fall short.")
+]
 Seeds = Annotated[int, arg(help="Independent runs, trained side by side.")]
 FirstSeed = Annotated[int, arg(help="Number of the first of them; another one than 0 gives fresh random numbers.")]
 
@@ -102,13 +105,14 @@ class Collect:
 class Imitate:
     """Learn a policy, and with it a reward, from demonstrations of one task.
 
-    Uses the paper's imitation settings (entropy weight and lambda_I 0.001). A run that was interrupted goes on from its
-    last checkpoint when the same command is given again.
+    Uses the paper's imitation settings (entropy weight and lambda_I 0.001), unless --tuned. A run that was interrupted
+    goes on from its last checkpoint when the same command is given again.
     """
 
     task: Task
     method: Methods = ("eairl",)
     reward_form: Forms = ("default",)
+    tuned: Tuned = False
     seeds: Seeds = 5
     first_seed: FirstSeed = 0
     optimizer: Optimizer = "ppo"
@@ -120,7 +124,7 @@ class Imitate:
         from experiments import imitate
 
         imitate.command(self.task, self.method, self.reward_form, seed_range(self), self.demos, self.out,
-                        (f"optimizer={self.optimizer}", *self.set), line)  # fmt: skip
+                        (f"optimizer={self.optimizer}", *self.set), line, self.tuned)  # fmt: skip
 
 
 @dataclass
@@ -162,6 +166,7 @@ class Transfer:
     target: Annotated[Positional[str], arg(metavar="TARGET", help="Task in which the reward is used.")]
     method: Methods = ("eairl",)
     reward_form: Forms = ("default",)
+    tuned: Tuned = False
     seeds: Seeds = 5
     first_seed: FirstSeed = 0
     rule: Annotated[
@@ -194,6 +199,7 @@ class Transfer:
         transfer.command(
             self.source, self.target, self.method, self.reward_form, seed_range(self), self.rule, self.demos,
             self.reward, self.out, (by, *self.set), (by, *self.retrain_set), self.restarts, line,
+            self.tuned,
         )  # fmt: skip
 
 

@@ -82,8 +82,11 @@ class Job:
 
 
 def prepare(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: range, demos: Path | None,
-            purpose: str, assignments: tuple[str, ...]) -> list[Job]:  # fmt: skip
+            purpose: str, assignments: tuple[str, ...], tuned: bool = False) -> list[Job]:  # fmt: skip
     """Checks everything that a command was given and returns a job for each method and reward form.
+
+    Args:
+      tuned: with our settings, which `variant` then says.
 
     Raises:
       InputError: for anything that could not be trained.
@@ -96,12 +99,13 @@ def prepare(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: 
     path = demos or shipped(task)
     data = demonstrations.load(path, task, env.observation_size, env.action_size)
     known = reference(task, env, path, data)
-    recipes = [recipe(task, env, purpose, {"method": method, "reward_form": form} | overrides)
+    recipes = [recipe(task, env, purpose, {"method": method, "reward_form": form} | overrides, tuned)
                for method in methods for form in (forms if method in METHODS else ("default",))]  # fmt: skip
     algorithms.refuse_meaningless([own.config for own in recipes], set(overrides))
     for own in recipes:
         algorithms.check(own.config, data)
-    jobs = [Job(task, env, own, data, path, known, seeds) for own in recipes]
+    variant = "tuned" if tuned else ""
+    jobs = [Job(task, env, own, data, path, known, seeds, variant) for own in recipes]
     return list({job.row: job for job in jobs}.values())
 
 
@@ -220,9 +224,9 @@ def imitation_curves(folder: Folder, job: Job) -> list[Curve]:
 
 
 def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: range, demos: Path | None,
-            out: Path | None, assignments: tuple[str, ...], line: str) -> None:  # fmt: skip
+            out: Path | None, assignments: tuple[str, ...], line: str, tuned: bool = False) -> None:  # fmt: skip
     """Runs every job of `eairl imitate` and prints one table."""
-    jobs = prepare(task, methods, forms, seeds, demos, "imitate", assignments)
+    jobs = prepare(task, methods, forms, seeds, demos, "imitate", assignments, tuned)
     expert = np.array([jobs[0].reference.expert])
     rows = [Row("expert", expert, paper.row(paper.IMITATION, task, "expert"), 1.0)]
     for job in jobs:

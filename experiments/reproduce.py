@@ -31,6 +31,7 @@ class Entry:
     Attributes:
       target: the task itself asks for a fresh policy on the learned reward where it was learned.
       settings: `name=value` that differ from the recipe.
+      tuned: with our settings in place of the paper's.
     """
 
     task: str
@@ -39,13 +40,19 @@ class Entry:
     target: str | None = None
     rule: str = "last"
     settings: tuple[str, ...] = ()
+    tuned: bool = False
+
+    @property
+    def variant(self) -> str:
+        """What tells its row from others of the method and form."""
+        return "+".join([*self.settings, *(["tuned"] if self.tuned else [])])
 
     @property
     def row(self) -> str:
         """The name of its row, `Job.row`."""
         form = METHODS[self.method].reward_form if self.method in METHODS else ""
         own = f"{self.method}-{self.form.replace('default', form)}" if form else self.method
-        return "+".join([own, *self.settings])
+        return f"{own}+{self.variant}" if self.variant else own
 
     @property
     def identity(self) -> tuple:
@@ -102,7 +109,10 @@ EXPERIMENTS: dict[str, list[Entry]] = {
           for entry in rows),
         *_moved(ANTS),
     ],
-    "table2": [Entry(task, method) for task in IMITATED for method in IMITATORS],
+    "table2": [
+        *(Entry(task, method) for task in IMITATED for method in IMITATORS),
+        *(Entry("ant", method, tuned=True) for method in ("eairl", "gail", "airl_sa", "airl_s")),
+    ],
     "ablations": _ablated(MAZES[0]),
 }  # fmt: skip
 # What is drawn of an experiment's results.
@@ -152,8 +162,8 @@ def short(quick: bool) -> tuple[str, ...]:
 def prepare(entry: Entry, seeds: int, quick: bool) -> Job:
     """Checks an entry and makes it ready to train."""
     (job,) = imitate.prepare(entry.task, (entry.method,), (entry.form,), range(FIRST_SEED, FIRST_SEED + seeds), None,
-                             entry.purpose, (*entry.settings, *short(quick)))  # fmt: skip
-    return dataclasses.replace(job, variant="+".join(entry.settings))
+                             entry.purpose, (*entry.settings, *short(quick)), entry.tuned)  # fmt: skip
+    return dataclasses.replace(job, variant=entry.variant)
 
 
 def train(entry: Entry, job: Job, targets: dict[str, Target], out: Path, line: str) -> dict:

@@ -113,7 +113,7 @@ def reuse(folder: Folder, reward: LearnedReward, target: Target, seeds: Sequence
 def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: range,
             rules: tuple[str, ...], demos: Path | None, reward: Path | None, out: Path | None,
             assignments: tuple[str, ...], retrain_assignments: tuple[str, ...], restarts: int | None, line: str,
-            ) -> None:  # fmt: skip
+            tuned: bool = False) -> None:  # fmt: skip
     """Runs every row of `eairl transfer` and prints one table."""
     source_env, target_env = make_env(source), make_env(target)
     if (source_env.observation_size, source_env.action_size) != (target_env.observation_size, target_env.action_size):
@@ -127,7 +127,7 @@ def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str
         learned = load_reward(reward, target_env.observation_size, target_env.action_size)
         summaries = [from_artefact(learned, reward, put_to_use, out, line)]
     else:
-        jobs = imitate.prepare(source, methods, forms, seeds, demos, "reward", assignments)
+        jobs = imitate.prepare(source, methods, forms, seeds, demos, "reward", assignments, tuned)
         for job in jobs:
             if not job.has_reward:
                 raise InputError(f"{job.row} learns no reward to transfer: choose one of {', '.join(METHODS)}")

@@ -264,6 +264,18 @@ def test_a_setting_of_one_of_the_methods_is_accepted():
     assert jobs[0].recipe.hparams.lambda_i == 1.0
 
 
+def test_tuned_settings_make_a_row_of_their_own_and_give_way_to_a_users():
+    (papers,), (ours,) = (
+        prepare("ant", ("eairl",), ("default",), range(1), None, "imitate", ("ppo_epochs=3",), tuned)
+        for tuned in (False, True)
+    )
+    assert (papers.row, ours.row) == ("eairl-sa", "eairl-sa+tuned")
+    assert (papers.is_published, ours.is_published) == (True, False)
+    assert (papers.recipe.config.actions, ours.recipe.config.actions) == ("drawn", "executed")
+    assert ours.recipe.config.ppo_epochs == 3
+    assert papers.recipe.config.iterations == ours.recipe.config.iterations
+
+
 def test_transfer_uses_the_source_alone_to_choose(tmp_path, tiny):
     arguments = ["transfer", "point_maze_left", "point_maze_right", "--reward-form", "separable", "--seeds", 2]
     settings = ["--set", *tiny, "--retrain-set", *rl_settings(tiny)]
@@ -370,6 +382,7 @@ REFUSED = {
     "indivisible batch": (["imitate", "pendulum", "--set", "ppo_minibatches=7"], "divisor"),
     "negative rate": (["imitate", "pendulum", "--set", "policy_lr=-1"], "policy_lr"),
     "snapshots": (["imitate", "pendulum", "--set", "iterations=50"], "snapshot_every=25"),
+    "nothing tuned": (["imitate", "pendulum", "--tuned"], "half_cheetah"),
     "no seeds": (["imitate", "pendulum", "--seeds", "0"], "at least 1"),
     "sizes": (["transfer", "pendulum", "point_maze_left"], "same sizes"),
     "unknown rule": (["transfer", "point_maze_left", "point_maze_right", "--rule", "best"], "source_retrain"),
