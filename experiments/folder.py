@@ -17,6 +17,7 @@ import numpy as np
 
 from eairl_jax import InputError
 from eairl_jax.artefact import read_json, write_json
+from experiments.settings import SETTINGS
 
 MINIMUM_FREE_BYTES = 50_000_000
 PACKAGES = ("jax", "brax", "mujoco", "mujoco-mjx", "flax", "optax", "orbax-checkpoint", "numpy")
@@ -134,7 +135,7 @@ def writable(path: Path) -> None:
 
 def digest(settings: dict) -> str:
     """Six characters that tell these settings from others, for the name of a folder."""
-    return hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode()).hexdigest()[:6]
+    return hashlib.sha256(json.dumps(_essential(settings), sort_keys=True, default=str).encode()).hexdigest()[:6]
 
 
 def machine() -> dict:
@@ -149,11 +150,27 @@ def machine() -> dict:
 
 
 def _refuse_different(path: Path, content: dict, settings: dict) -> None:
-    before, now = _flat(content.get("settings", {})), _flat(settings)
+    before, now = _essential(content.get("settings", {})), _essential(settings)
     different = [name for name in sorted(before | now) if before.get(name) != now.get(name)]
     if different:
-        shown = "; ".join(f"{name}: there {before.get(name)!r}, here {now.get(name)!r}" for name in different[:4])
+        there, here = ({name: _default(name) for name in different} | flat for flat in (before, now))
+        shown = "; ".join(f"{name}: there {there[name]!r}, here {here[name]!r}" for name in different[:4])
         raise InputError(f"{path} belongs to a different run ({shown}). Choose another --out, or remove that folder")
+
+
+def _essential(settings: dict) -> dict:
+    """The settings, flat, without those of training that have their default.
+
+    So a setting that is new in this version leaves a run of an older one the run that it was.
+    """
+    return {name: value for name, value in _flat(settings).items() if value is None or value != _default(name)}
+
+
+def _default(name: str):
+    """The default of a flat setting of training, `config.hidden` or `retrain_hparams.gamma`; None of any other."""
+    group, _, own = name.rpartition(".")
+    default = SETTINGS.get(own) if group.endswith(("config", "hparams")) else None
+    return list(default) if isinstance(default, tuple) else default
 
 
 def _flat(tree: dict, prefix: str = "") -> dict:

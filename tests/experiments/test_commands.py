@@ -13,6 +13,7 @@ import envs
 from eairl_jax import Checkpoints, load_reward
 from eairl_jax.methods import METHODS, names
 from experiments import bench, cli, reproduce, training
+from experiments.folder import digest
 from experiments.imitate import prepare
 from experiments.reproduce import Entry
 from experiments.rules import Rule
@@ -445,6 +446,22 @@ def test_a_folder_of_another_run_is_refused(tmp_path, tiny, capsys):
     (tmp_path / "other" / "thesis.tex").write_text("")
     assert imitate(tmp_path / "other", tiny) == 2
     assert "no run's folder" in capsys.readouterr().err
+
+
+def test_a_setting_that_is_new_leaves_an_older_run_what_it_was(tmp_path, tiny, capsys):
+    assert imitate(tmp_path / "run", tiny) == 0
+    path = tmp_path / "run" / "config.json"
+    content = json.loads(path.read_text())
+    before = digest(content["settings"])
+    del content["settings"]["config"]["actions"]  # as a version wrote it that did not know of it
+    assert digest(content["settings"]) == before
+    path.write_text(json.dumps(content))
+    assert imitate(tmp_path / "run", tiny) == 0
+    content["settings"]["config"]["actions"] = "executed"
+    assert digest(content["settings"]) != before
+    path.write_text(json.dumps(content))
+    assert imitate(tmp_path / "run", tiny) == 2
+    assert "config.actions: there 'executed', here 'drawn'" in capsys.readouterr().err
 
 
 def test_a_disk_that_fails_is_reported_and_nothing_is_lost(tmp_path, tiny, monkeypatch, capsys):
