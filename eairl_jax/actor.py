@@ -39,6 +39,23 @@ def init(key: Key, env: Env, optimizer: PolicyOptimizer, config: Config) -> Acto
     return Actor(jnp.zeros((), jnp.int32), environments, stats, optimizer.init(policy_key))
 
 
+def restarted(key: Key, actor: Actor, optimizer: PolicyOptimizer, config: Config) -> Actor:
+    """The same actor, with a fresh policy whenever `config.restart_every` iterations have passed."""
+    if not config.restart_every:
+        return actor
+    due = (actor.iteration > 0) & (actor.iteration % config.restart_every == 0)
+    return actor.replace(  # pyright: ignore
+        policy=jax.tree.map(lambda new, old: jnp.where(due, new, old), optimizer.init(key), actor.policy)
+    )
+
+
+def progress(actor: Actor, config: Config) -> jax.Array:
+    """How much of its training the policy has behind it, in [0, 1]: what rates are annealed by."""
+    whole = config.restart_every or config.iterations
+    done = actor.iteration % whole if config.restart_every else actor.iteration
+    return done / whole
+
+
 def distribution(actor: Actor, obs: jax.Array, optimizer: PolicyOptimizer) -> Gaussian:
     """pi(.|s) for raw observations `[..., obs]`."""
     return optimizer.distribution(actor.policy, normalize.normalize(actor.obs_stats, obs))

@@ -79,9 +79,13 @@ class Config:
     """What the discriminator tells apart: "transitions", or whole "trajectories" (GAN-GCL)."""
     history: str = "default"
     """The policy's samples that the discriminator sees. "iterations": evenly from the last `history_length` + 1;
-    "paths": half from the current iteration, half from a pool that keeps half of each batch (the release)."""
+    "paths": half from the current iteration, half from a pool that keeps half of each batch (the release); "all": half
+    from the current iteration, half from `history_length` + 1 of all there were, each as likely."""
     history_length: int = 20
     """Iterations whose samples the discriminator sees beside the current ones."""
+    restart_every: int = 0
+    """Iterations after which the policy starts anew, annealed rates with it, while the reward goes on; 0: never. One
+    policy only ever tries what lies on its way, and a reward may pay anything for the rest."""
     update_order: str = "default"
     """"empowerment_first" (Algorithm 1) or "discriminator_first" (the release)."""
     discriminator_updates: int = 10
@@ -123,6 +127,8 @@ class Config:
                 raise InputError(f"{name} = {getattr(self, name)}: expected at least 1")
         if self.history_length < 0:
             raise InputError(f"history_length = {self.history_length}: expected 0 or more iterations")
+        if self.restart_every < 0:
+            raise InputError(f"restart_every = {self.restart_every}: expected 0 (never) or more iterations")
         if self.steps_per_iteration % self.ppo_minibatches:
             raise InputError(
                 f"ppo_minibatches = {self.ppo_minibatches} does not divide num_envs x rollout_length = "
@@ -152,7 +158,7 @@ METHODS_OWN: dict[str, tuple[str, ...]] = {
     "shaping_discount": ("gamma", "one"),
     "scoring_phi": ("target", "learning"),
     "judges": ("transitions", "trajectories"),
-    "history": ("iterations", "paths"),
+    "history": ("iterations", "paths", "all"),
     "update_order": ("empowerment_first", "discriminator_first"),
     "l_i_actions": ("taken", "drawn"),
     "inverse_loss": ("likelihood", "mse"),

@@ -16,11 +16,11 @@ POOL_PATHS = 100
 
 @struct.dataclass
 class History:
-    """A ring of the last iterations' transitions.
+    """Past iterations' transitions: a ring of the last ones, or ("all") a sample of every one.
 
     Attributes:
       transitions: every leaf `[slots, T, N, ...]`.
-      added: `[]` iterations added since the beginning; slot `added % slots` is the next to be overwritten.
+      added: `[]` iterations added since the beginning.
     """
 
     transitions: Transition
@@ -38,19 +38,28 @@ def empty(obs_size: int, action_size: int, config: Config) -> History:
     return History(Transition(*(jnp.zeros(leading + tail) for tail in tails)), jnp.zeros((), jnp.int32))
 
 
-def add(history: History, transition: Transition) -> History:
-    """Puts one iteration's transitions `[T, N, ...]` (as many environments as the ring has) in the oldest's place."""
+def add(key: Key, history: History, transition: Transition, config: Config) -> History:
+    """Puts one iteration's transitions `[T, N, ...]` (as many environments as the ring has) in the oldest's place.
+
+    In a sample of all, in that of any, or nowhere, so that each iteration is as likely as any other to be there
+    (reservoir sampling, Vitter 1985).
+    """
     slots, _, envs = history.transitions.reward.shape
     slot = history.added % slots
-    kept = jax.tree.map(lambda ring, new: ring.at[slot].set(new[:, :envs]), history.transitions, transition)
+    if config.history == "all":
+        drawn = jax.random.randint(key, (), 0, history.added + 1)
+        slot = jnp.where(history.added < slots, history.added, drawn)
+    kept = jax.tree.map(
+        lambda ring, new: ring.at[slot].set(new[:, :envs], mode="drop"), history.transitions, transition
+    )
     return History(kept, history.added + 1)
 
 
 def draw(key: Key, history: History, current: Transition, updates: int, batch: int, length: int, config: Config):
     """Draws `[updates, batch, length, ...]`: segments of `length` steps of the policy, old and new.
 
-    From the ring evenly, the current iteration being a part of it; or, with `config.history` "paths", half from
-    the ring and half from the current iteration, `[T, N, ...]`.
+    From the ring evenly, the current iteration being a part of it; or, with `config.history` "paths" or "all", half
+    from the ring and half from the current iteration, `[T, N, ...]`.
     """
     slots, steps, num_envs = history.transitions.reward.shape
     filled = jnp.minimum(history.added, slots) * (steps // length) * num_envs

@@ -69,12 +69,14 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         )
 
     def step(state: IRLState, hparams: HParams, demos: Demonstrations):
-        hparams = hparams.at(state.actor.iteration / config.iterations)
+        hparams = hparams.at(actor.progress(state.actor, config))
         key, tau_key, emp_key, d_key, pi_key = jax.random.split(state.key, 5)
+        fresh_key, past_key = (jax.random.fold_in(tau_key, i) for i in (1, 2))
 
         # tau ~ pi
-        acting, raw = actor.collect(tau_key, state.actor, env, optimizer, config)
-        past, tau = history.add(state.history, raw), actor.normalized(acting, raw)
+        acting = actor.restarted(fresh_key, state.actor, optimizer, config)
+        acting, raw = actor.collect(tau_key, acting, env, optimizer, config)
+        past, tau = history.add(past_key, state.history, raw, config), actor.normalized(acting, raw)
         pi = functools.partial(optimizer.distribution, acting.policy)
 
         # phi, varphi: the inverse model by l_q, then the empowerment by l_I

@@ -9,9 +9,9 @@ from envs.mjx_task import MjxTask
 
 EMPOWERMENT = {"lambda_i", "beta", "phi_lr", "inverse_lr", "empowerment_updates", "empowerment_batch", "inverse_loss",
                "phi_sync_interval", "l_i_power", "l_i_actions", "l_i_in", "scoring_phi"}  # fmt: skip
-ADVERSARY = {"discriminator_lr", "history", "history_length", "shaping", "shaping_discount", "reward_form",
-             "reward_obs", "action_part", "judges", "update_order", "gradient_penalty", "action_variance",
-             "hidden"}  # fmt: skip
+ADVERSARY = {"discriminator_lr", "history", "history_length", "restart_every", "shaping", "shaping_discount",
+             "reward_form", "reward_obs", "action_part", "judges", "update_order", "gradient_penalty",
+             "action_variance", "hidden"}  # fmt: skip
 TRPO = {"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"}
 PPO = {"clip_eps", "max_grad_norm"}
 REINFORCEMENT = {"gamma", "gae_lambda", "entropy_weight", "entropy_end", "std_end"}

@@ -138,7 +138,7 @@ def stages(job: Job, iterations: int) -> dict[str, Callable[[], None]]:
     optimizer = make_optimizer(env, config)
     state = jax.jit(make_irl(env, config).init)(jax.random.PRNGKey(0), hparams)
     acting, raw = jax.jit(lambda s: actor.collect(s.key, s.actor, env, optimizer, config))(state)
-    past, tau = history.add(state.history, raw), actor.normalized(acting, raw)
+    past, tau = history.add(jax.random.PRNGKey(0), state.history, raw, config), actor.normalized(acting, raw)
 
     def pi(obs):
         return optimizer.distribution(acting.policy, obs)

@@ -78,8 +78,8 @@ ABLATIONS = (("shaping=none",), ("shaping=learned",), ("lambda_i=0",), ("lambda_
 
 def _moved(pair: tuple[str, str]) -> list[Entry]:
     source, target = pair
-    rows = [Entry(source, method, form, target, rule) for method, form in MOVED for rule in ("last", "source_retrain")]
-    rows += [Entry(source, method, form, target, "policy") for method, form in MOVED]
+    rows = [Entry(source, method, form, target, rule)
+            for rule in ("last", "policy", "source_retrain") for method, form in MOVED]  # fmt: skip
     return [*rows, Entry(source, "eairl", "default", target, "random")]
 
 

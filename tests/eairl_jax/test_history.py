@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from scipy import stats
 
 from eairl_jax import history
 from eairl_jax.methods import resolve
@@ -12,7 +13,7 @@ from eairl_jax.methods import resolve
 def filled(tiny, transitions):
     """`(ring, transitions, config)` after `added` iterations; obs and next_obs tell (iteration, step, environment)."""
 
-    def make(added, **changes):
+    def make(added, seed=0, **changes):
         config = resolve(tiny(history_length=2, **changes))
         ring = history.empty(4, 2, config)
         for i in range(1, added + 1):
@@ -20,7 +21,7 @@ def filled(tiny, transitions):
             step, env = np.indices(x.reward.shape)
             told = np.stack([np.full_like(step, i), step, env, 0 * env], axis=-1).astype(np.float32)
             x = x._replace(obs=told, next_obs=told + np.eye(4, dtype=np.float32)[1], reward=np.full_like(x.reward, i))
-            ring = history.add(ring, x)
+            ring = history.add(jax.random.fold_in(jax.random.PRNGKey(seed), i), ring, x, config)
         return ring, x, config
 
     return make
@@ -93,3 +94,17 @@ def test_the_pool_holds_a_hundred_paths_or_the_one_batch_that_is_more(tiny, num_
     slots, _, kept = ring.shape[:3]
     assert kept == max(1, num_envs // 2)
     assert 100 <= slots * kept < 100 + kept
+
+
+def test_of_all_iterations_each_is_as_likely_to_be_kept_and_the_newest_is_half(filled, drawn):
+    iterations, kept = 12, []
+    for seed in range(60):
+        ring, x, config = filled(iterations, seed, num_envs=1, history="all")
+        kept.append(np.asarray(ring.transitions.reward[:, 0, 0]))
+    assert all(len(set(slots)) == 3 for slots in kept)
+    _, counts = np.unique(np.stack(kept), return_counts=True)
+    assert len(counts) == iterations  # the first ones, too, long after
+    assert stats.chisquare(counts).pvalue > 0.01
+    told = drawn((ring, x, config), 4, 100).obs[:, :, 0, 0]
+    assert set(told[:, 50:].ravel()) == {iterations}
+    assert set(told[:, :50].ravel()) == set(kept[-1])

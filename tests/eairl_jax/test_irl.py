@@ -1,6 +1,7 @@
 """THE loop, a step at a time, recomputed in NumPy from what it leaves behind."""
 
 import dataclasses
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -159,7 +160,7 @@ def test_the_discriminator_is_shown_transitions_or_whole_episodes(tiny, transiti
     demos = Demonstrations(
         *(jnp.arange(3 * 5 * n).reshape(3, 5, *tail) for n, *tail in ((4, 4), (2, 2), (4, 4), (1,), (1,)))
     )
-    past = history.add(history.empty(4, 2, config), raw)
+    past = history.add(jax.random.PRNGKey(0), history.empty(4, 2, config), raw, config)
     drawn = samples.draw(jax.random.PRNGKey(0), demos, past, raw, config)
     for given, episodes in zip(drawn, (demos.obs, raw.obs.swapaxes(0, 1)), strict=True):
         assert given.obs.shape == (2, batch, length, 4)
@@ -364,3 +365,22 @@ def test_of_executed_actions_the_part_beyond_the_bound_has_no_effect(toy, tiny, 
     at_high = np.asarray(x.action == np.float32(limit)).all(axis=-1)
     assert at_high.any()
     np.testing.assert_allclose(np.asarray(x.log_prob)[at_high], mass.sum(axis=-1)[at_high], rtol=1e-4)
+
+
+def test_a_policy_starts_anew_and_its_reward_does_not(built):
+    hparams = HPARAMS.replace(policy_lr=0.0, std_end=0.25)
+    _, init, step = built(restart_every=2)
+    demos = Demonstrations(*(jnp.ones((1, 5, *tail)) for tail in ((4,), (2,), (4,), (), ())))
+    states = [init(jax.random.PRNGKey(0), hparams)]
+    for _ in range(5):
+        states.append(step(states[-1], hparams, demos)[0])
+
+    def weights(state):
+        return np.concatenate([np.ravel(x) for x in jax.tree.leaves(state.actor.policy.nets.params)])
+
+    moved = [bool((weights(a) != weights(b)).any()) for a, b in itertools.pairwise(states)]
+    assert moved == [False, False, True, False, True]  # the rate is 0, so only a fresh one differs
+    stds = [float(np.exp(state.actor.policy.log_std_offset)) for state in states[1:]]
+    np.testing.assert_allclose(stds, [1.0, 0.5, 1.0, 0.5, 1.0], rtol=1e-5)  # annealed within each policy's training
+    updates = [int(state.discriminator.adam.count) for state in states]
+    assert updates == [2 * i for i in range(6)]
