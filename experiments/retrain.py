@@ -19,7 +19,7 @@ from experiments.folder import Folder, digest
 from experiments.imitate import take_rows
 from experiments.reference import Reference, reference, shipped
 from experiments.settings import Recipe, parse_overrides, recipe
-from experiments.training import RETRAIN, final_returns, lane_keys, train
+from experiments.training import RETRAIN, Start, final_returns, lane_keys, train
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,16 @@ def target_settings(target: Target) -> dict:
         "retrain_hparams": dataclasses.asdict(own.hparams),
         "retrain_snapshot_every": own.snapshot_every,
         "restarts": own.restarts,
-    }
+    } | ({"screening": own.screening} if own.screening else {})
 
 
 def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | None, params: PyTree,
-            labels: list[dict], phase: int) -> tuple[Algorithm, PyTree]:  # fmt: skip
+            labels: list[dict], phase: int, until: int | None = None, start: Start | None = None,
+            ) -> tuple[Algorithm, PyTree]:  # fmt: skip
     """Trains a fresh policy a lane in the target task, on learned rewards `[lanes, ...]` or, if None, on the true one.
+
+    Args:
+      until, start: as in `training.train`.
 
     Returns:
       The algorithm and the final states `[lanes, ...]`; the curves are in the folder's metrics.
@@ -79,7 +83,7 @@ def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | 
         algorithm = make_rl(target.env, target.recipe.config, of)
     keys = lane_keys(phase, *([label[name] for label in labels] for name in labels[0]))
     lanes = Lanes(algorithm, keys, target.recipe.hparams, params, data_per_lane=reward is not None)
-    return algorithm, train(folder, title, lanes, target.recipe, labels)
+    return algorithm, train(folder, title, lanes, target.recipe, labels, until=until, start=start)
 
 
 def score(
@@ -87,23 +91,35 @@ def score(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trains `target.recipe.restarts` policies for each seed and keeps the best *by the reward it was trained on*.
 
-    A policy can settle before a wall that it has to walk around. Which of several did not is visible in the learned
-    reward; the true reward has no say.
+    A policy can settle before a wall that it has to walk around, or never learn to walk. Which of several did not is
+    visible in the learned reward; the true reward has no say. With `screening`, only those that are best after so many
+    iterations are trained to the end.
 
     Returns:
       `(curves [seeds, iterations] of true returns, final true returns [seeds])` of the kept policies.
     """
-    labels = [{"restart": restart, "seed": seed} for restart in range(target.recipe.restarts) for seed in seeds]
-    params = jax.tree.map(lambda leaf: np.concatenate([leaf] * target.recipe.restarts), reward.params) if reward else ()
-    algorithm, state = retrain(folder, title, target, reward, params, labels, RETRAIN)
-    kept = best_restarts(folder, target.recipe.restarts, len(seeds))
+    own, count, start = target.recipe, len(seeds), None
+    labels = [{"restart": restart, "seed": seed} for restart in range(own.restarts) for seed in seeds]
+
+    def params(restarts: int) -> PyTree:
+        return jax.tree.map(lambda leaf: np.concatenate([leaf] * restarts), reward.params) if reward else ()
+
+    if own.finalists < own.restarts:
+        first = Folder(folder.path / "screening", {"screening": own.screening})
+        tries = f"{title}, {own.restarts} tries"
+        _, state = retrain(first, tries, target, reward, params(own.restarts), labels, RETRAIN, own.screening)
+        kept = best_restarts(first, own.restarts, count)
+        curves = {name: first.curve(name, len(labels))[kept] for name in first.metric_names(labels[0])}
+        start, labels = Start(own.screening, take_rows(state, kept), curves), [labels[lane] for lane in kept]
+    algorithm, state = retrain(folder, title, target, reward, params(own.finalists), labels, RETRAIN, start=start)
+    kept = best_restarts(folder, own.finalists, count)
     returns = final_returns(target.env, algorithm, take_rows(state, kept), seeds).mean(axis=1)
-    return kept_curves(folder, target, len(seeds)), returns
+    return kept_curves(folder, target, count), returns
 
 
 def kept_curves(folder: Folder, target: Target, seeds: int) -> np.ndarray:
     """True returns `[seeds, iterations]` of the kept policies while they were trained."""
-    restarts = target.recipe.restarts
+    restarts = target.recipe.finalists
     return folder.curve("true_return", restarts * seeds)[best_restarts(folder, restarts, seeds)]
 
 
