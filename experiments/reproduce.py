@@ -76,10 +76,11 @@ ABLATIONS = (("shaping=none",), ("shaping=learned",), ("lambda_i=0",), ("lambda_
              ("l_i_actions=drawn",), ("history_length=1",))  # fmt: skip
 
 
-def _moved(pair: tuple[str, str]) -> list[Entry]:
+def _moved(pair: tuple[str, str], chosen: tuple[tuple[str, str], ...] = MOVED) -> list[Entry]:
+    """Every row by the last iteration, as a policy, and those `chosen` by `source_retrain`; a reward at random."""
     source, target = pair
-    rows = [Entry(source, method, form, target, rule)
-            for rule in ("last", "policy", "source_retrain") for method, form in MOVED]  # fmt: skip
+    rules = (("last", MOVED), ("policy", MOVED), ("source_retrain", chosen))
+    rows = [Entry(source, method, form, target, rule) for rule, own in rules for method, form in own]
     return [*rows, Entry(source, "eairl", "default", target, "random")]
 
 
@@ -107,7 +108,8 @@ EXPERIMENTS: dict[str, list[Entry]] = {
     "table1": [
         *(entry for pair in MAZES for rows in (_moved(pair), _back_home(pair), _picked_on_the_target(pair, (40, 80)))
           for entry in rows),
-        *_moved(ANTS),
+        *_moved(ANTS, chosen=(("eairl", "default"), ("eairl", "separable"))),
+        *(Entry(ANTS[0], method, form, ANTS[1], tuned=True) for method, form in MOVED[:3]),
     ],
     "table2": [
         *(Entry(task, method) for task in IMITATED for method in IMITATORS),
