@@ -82,7 +82,7 @@ WALK = dict(policy_lr=1e-3, gamma=0.995, entropy_weight=0.003, log_std_max=0.0,
 TUNED = dict(actions="executed", hidden=(128, 128), policy_hidden=(64, 64), policy_activation="tanh", ppo_epochs=6,
              gamma=0.98, gae_lambda=0.9, discriminator_lr=3e-3, policy_lr_end=0.1, std_end=0.1)  # fmt: skip
 # Judged in the source alone (seeds 0 and 1), by what a fresh policy does there in 1.9M steps on the learned reward.
-# Without the penalty, or with 0.01, it found what the reward had never seen, at up to 20 a step where the expert has -2,
+# Without the penalty, or with 0.01, it found what the reward had never seen, up to 20 a step where the expert has -2,
 # and stood still. With 0.1 or 1 it walks, 760 to 830, if it ever leaves the spot: one of two did, hence four tries. The
 # penalty keeps the discriminator from telling much: the policy that learns the reward stays wide, and poor (480).
 SMOOTH = dict(TUNED, hidden=(32, 32), std_end=1.0, gradient_penalty=0.1, entropy_weight=0.001, lambda_i=0.01,
