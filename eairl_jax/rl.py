@@ -47,9 +47,10 @@ def make_rl(
         hparams = hparams.at(state.actor.iteration / config.iterations)
         key, rollout_key, update_key = jax.random.split(state.key, 3)
         acting, raw = actor.collect(rollout_key, state.actor, env, optimizer, config)
-        batch = actor.normalized(acting, raw)._replace(reward=reward(data, raw))
+        given = reward(data, raw)
+        batch = actor.normalized(acting, raw)._replace(reward=given - hparams.temperature * raw.log_prob)
         policy, metrics = optimizer.update(update_key, acting.policy, batch, no_penalty, (), hparams)
-        metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": batch.reward.mean()}
+        metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": given.mean()}
         return RLState(key, actor.finish(acting, policy, raw, config)), metrics
 
     def act(state: RLState, obs, key=None):

@@ -88,6 +88,9 @@ class HParams:
       entropy_end: fraction of `entropy_weight` left at `Config.iterations`.
       std_end: fraction of the policy's std left at `Config.iterations` (geometric in between): explore first, then
         settle.
+      temperature: of maximum-entropy reinforcement learning on a reward that is given: `-temperature log pi(a|s)` is
+        added to it. AIRL's and EAIRL's policies have it by themselves, at 1 (f - log pi): their rewards are for it.
+      temperature_end: fraction of `temperature` left at `Config.iterations` (linear in between).
       lambda_i: lambda_I, the weight of l_I in the policy's objective (Eq. 11).
       beta: temperature of the empowerment (Eq. 6, 7).
       gradient_penalty: weight of `discriminator.gradient_penalty`; counts if `Config.penalties` names it.
@@ -106,6 +109,8 @@ class HParams:
     entropy_weight: float | jax.Array = 0.001
     entropy_end: float | jax.Array = 1.0
     std_end: float | jax.Array = 1.0
+    temperature: float | jax.Array = 0.0
+    temperature_end: float | jax.Array = 1.0
     lambda_i: float | jax.Array = 0.001
     beta: float | jax.Array = 1.0
     gradient_penalty: float | jax.Array = 0.0
@@ -121,6 +126,7 @@ class HParams:
             policy_lr=self.policy_lr * (1.0 - progress * (1.0 - self.policy_lr_end)),
             entropy_weight=self.entropy_weight * (1.0 - progress * (1.0 - self.entropy_end)),
             std_end=self.std_end**progress,
+            temperature=self.temperature * (1.0 - progress * (1.0 - self.temperature_end)),
         )
 
 

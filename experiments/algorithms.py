@@ -14,6 +14,7 @@ ADVERSARY = {"discriminator_lr", "history", "history_length", "restart_every", "
              "action_variance", "hidden"}  # fmt: skip
 TRPO = {"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"}
 PPO = {"clip_eps", "max_grad_norm"}
+SOFT = {"temperature", "temperature_end"}  # of a reward that is given
 REINFORCEMENT = {"gamma", "gae_lambda", "entropy_weight", "entropy_end", "std_end"}
 
 
@@ -43,8 +44,7 @@ def refuse_meaningless(configs: list[Config], given: set[str], purpose: str | No
       purpose: what is done instead of imitation, which reads no setting of an adversary.
     """
     unread = set.intersection(*(meaningless(config) for config in configs))
-    if purpose:
-        unread |= EMPOWERMENT | ADVERSARY | {"method", "discriminator_updates", "discriminator_batch"}
+    unread |= EMPOWERMENT | ADVERSARY | {"method", "discriminator_updates", "discriminator_batch"} if purpose else SOFT
     unread &= given
     if unread:
         names = purpose or ", ".join(dict.fromkeys(f"{config.method} with {config.optimizer}" for config in configs))

@@ -82,7 +82,9 @@ def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | 
 
         algorithm = make_rl(target.env, target.recipe.config, of)
     keys = lane_keys(phase, *([label[name] for label in labels] for name in labels[0]))
-    lanes = Lanes(algorithm, keys, target.recipe.hparams, params, data_per_lane=reward is not None)
+    # A learned reward is one of maximum-entropy reinforcement learning; the true one is not.
+    hparams = target.recipe.hparams if reward else dataclasses.replace(target.recipe.hparams, temperature=0.0)
+    lanes = Lanes(algorithm, keys, hparams, params, data_per_lane=reward is not None)
     return algorithm, train(folder, title, lanes, target.recipe, labels, until=until, start=start)
 
 

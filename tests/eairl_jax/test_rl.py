@@ -3,6 +3,7 @@
 import functools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -29,6 +30,24 @@ def test_the_policy_goes_where_the_reward_is(toy, tiny, reward, wanted):
     assert metrics["policy_reward"][-1] > 0.3 * metrics["policy_reward"][0]
     # The score is the environment's own return over five steps, whatever was trained on.
     np.testing.assert_allclose(metrics["true_return"][-1], -5 * 2 * (wanted - 0.5) ** 2, atol=1.0)
+
+
+def test_with_a_temperature_the_policy_is_the_maximum_entropy_one(toy, tiny):
+    config = tiny(num_envs=32, rollout_length=10, iterations=80, ppo_epochs=4, ppo_minibatches=4)
+    algorithm, run = (
+        make_rl(toy(), config, towards),
+        functools.partial(scan, make_rl(toy(), config, towards), length=80),
+    )
+    temperature = 1.6
+    hparams = HParams(gamma=0.0, policy_lr=5e-3, policy_lr_end=0.1, temperature=temperature)
+    run = jax.jit(functools.partial(scan, algorithm, length=80))
+    state, metrics = run(algorithm.init(jax.random.PRNGKey(0), hparams), hparams, np.float32(0.3))
+    actions = algorithm.act(state, jnp.broadcast_to(state.actor.rollout.env.obs[:1], (4000, 4)), jax.random.PRNGKey(1))
+    # exp(-(a - 0.3)^2 / temperature), normalised
+    np.testing.assert_allclose(actions.mean(axis=0), 0.3, atol=0.15)
+    np.testing.assert_allclose(actions.var(axis=0), temperature / 2, rtol=0.2)
+    # What is reported is the reward alone, here two of the variances just met.
+    np.testing.assert_allclose(metrics["policy_reward"][-1], -temperature, rtol=0.2)
 
 
 def test_observations_that_are_not_flat_are_refused(toy, tiny):

@@ -413,6 +413,7 @@ REFUSED = {
     "negative rate": (["imitate", "pendulum", "--set", "policy_lr=-1"], "policy_lr"),
     "snapshots": (["imitate", "pendulum", "--set", "iterations=50"], "snapshot_every=25"),
     "nothing tuned": (["imitate", "pendulum", "--tuned"], "half_cheetah"),
+    "a temperature of its own": (["imitate", "pendulum", "--set", "temperature=1"], "temperature: not a setting of"),
     "no seeds": (["imitate", "pendulum", "--seeds", "0"], "at least 1"),
     "sizes": (["transfer", "pendulum", "point_maze_left"], "same sizes"),
     "unknown rule": (["transfer", "point_maze_left", "point_maze_right", "--rule", "best"], "source_retrain"),
