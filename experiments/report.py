@@ -88,8 +88,12 @@ def overview(found: dict[str, list[dict]]) -> str:
             published = [cell.published_share for cell in cells if cell.published_share is not None]
             if published:
                 axis.plot(np.mean(published), place, "D", mfc="none", mec="black", ms=5)
-        _lay_out(axis, names)
         tasks = len({(row["task"], row["target"]) for row in rows})
+        _lay_out(axis, names)
+        axis.set_yticks(axis.get_yticks(), [
+            results.name(name) + (f", {run} of {tasks} tasks" if (run := len(scores(rows, name, rule))) < tasks else "")
+            for name in reversed(names)
+        ])  # fmt: skip
         axis.set_title(f"{title}, {tasks} task{'s' * (tasks > 1)}", fontsize=10)
         axis.set_xlabel("0 random actions, 1 expert; ◇ the paper")
     return _svg(figure)
