@@ -32,7 +32,7 @@ REFUSED = [
     {"judges": "pairs"},
     {"shaping_discount": "two"},
     {"scoring_phi": "slow"},
-    {"history": "all"},
+    {"history": "everything"},
     {"update_order": "policy_first"},
     {"policy_activation": "gelu"},
     {"method": "bc"},

@@ -14,9 +14,11 @@ def test_annealed_rates_fall_in_a_line_to_their_end_and_stay_there(progress, lr)
     assert hparams.phi_lr == 0.7
 
 
-def test_entropy_is_annealed_on_its_own():
-    hparams = HParams(policy_lr=0.4, entropy_weight=0.1, entropy_end=0.0).at(jnp.asarray(0.75))
-    np.testing.assert_allclose([hparams.policy_lr, hparams.entropy_weight], [0.4, 0.025], rtol=1e-6)
+def test_entropy_and_temperature_are_annealed_on_their_own():
+    given = HParams(policy_lr=0.4, entropy_weight=0.1, entropy_end=0.0, temperature=2.0, temperature_end=0.5)
+    hparams = given.at(jnp.asarray(0.75))
+    annealed = [hparams.policy_lr, hparams.entropy_weight, hparams.temperature]
+    np.testing.assert_allclose(annealed, [0.4, 0.025, 1.25], rtol=1e-6)
 
 
 @pytest.mark.parametrize(("progress", "fraction"), [(0.0, 1.0), (0.5, 0.1), (0.75, 0.1**1.5), (1.0, 0.01), (3.0, 0.01)])
