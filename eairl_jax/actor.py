@@ -11,7 +11,7 @@ from flax import struct
 from eairl_jax import normalize, rollout
 from eairl_jax.config import Config
 from eairl_jax.gaussian import Gaussian
-from eairl_jax.types import Demonstrations, Env, Key, PolicyOptimizer, PyTree, Transition
+from eairl_jax.types import Env, Key, PolicyOptimizer, PyTree, Transition
 
 
 @struct.dataclass
@@ -74,12 +74,12 @@ def collect(key: Key, actor: Actor, env: Env, optimizer: PolicyOptimizer, config
     return actor.replace(rollout=environments), raw  # pyright: ignore
 
 
-def seen(demos: Demonstrations, env: Env, config: Config) -> Demonstrations:
-    """Demonstrations with their actions as policies see theirs: as they were drawn, or as they were executed."""
+def seen(x: Any, env: Env, config: Config) -> Any:
+    """Demonstrations or transitions with actions as `config.actions` has them: as they were drawn, or executed."""
     if config.actions == "drawn":
-        return demos
+        return x
     limit = rollout.action_limit(env)
-    return demos._replace(action=jnp.clip(demos.action, -limit, limit))
+    return x._replace(action=jnp.clip(x.action, -limit, limit))
 
 
 def normalized(actor: Actor, x: Any) -> Any:

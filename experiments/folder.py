@@ -111,10 +111,6 @@ class Folder:
         with open(path, newline="", encoding="utf-8") as f:
             return list(csv.DictReader(f))
 
-    def metric_names(self, label: dict) -> list[str]:
-        """Of `metrics.csv`, without the columns that tell lanes (`label` has one's) and iterations apart."""
-        return [name for name in self.metrics()[0] if name not in (*label, "iteration", "env_steps")]
-
     def curve(self, name: str, lanes: int) -> np.ndarray:
         """One metric as `[lanes, iterations]`."""
         values = np.array([float(row[name]) for row in self.metrics()])

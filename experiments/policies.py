@@ -68,7 +68,7 @@ def load(path: Path) -> Policies:
     env = make_env(task)
     imitated = "demonstrations" in settings and not transferred
     algorithm = algorithms.make(env, config) if imitated else make_rl(env, config)
-    restarts = 1 if settings.get("screening") else settings.get("restarts", 1)
+    restarts = settings.get("restarts", 1)
     keys = jax.random.split(jax.random.PRNGKey(0), restarts * len(seeds))
     like = jax.eval_shape(jax.vmap(lambda key: algorithm.init(key, hparams)), keys)
     like = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), like)

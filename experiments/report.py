@@ -89,19 +89,17 @@ def overview(found: dict[str, list[dict]]) -> str:
             if published:
                 axis.plot(np.mean(published), place, "D", mfc="none", mec="black", ms=5)
         tasks = len({(row["task"], row["target"]) for row in rows})
-        _lay_out(axis, names)
-        axis.set_yticks(axis.get_yticks(), [
-            results.name(name) + (f", {run} of {tasks} tasks" if (run := len(scores(rows, name, rule))) < tasks else "")
-            for name in reversed(names)
-        ])  # fmt: skip
+        run = [len(scores(rows, name, rule)) for name in names]
+        _lay_out(axis, [results.name(name) + (f", {count} of {tasks} tasks" if count < tasks else "")
+                        for name, count in zip(names, run, strict=True)])  # fmt: skip
         axis.set_title(f"{title}, {tasks} task{'s' * (tasks > 1)}", fontsize=10)
         axis.set_xlabel("0 random actions, 1 expert; ◇ the paper")
     return _svg(figure)
 
 
-def _lay_out(axis, names: list[str]) -> None:
+def _lay_out(axis, labels: list[str]) -> None:
     """A line for each row, the first above, and the expert's score."""
-    axis.set_yticks(range(len(names)), [results.name(name) for name in reversed(names)])
+    axis.set_yticks(range(len(labels)), labels[::-1])
     axis.axvline(1, color="black", lw=0.8, ls="--")
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(axis="x", alpha=0.3)
@@ -128,7 +126,7 @@ def ablation_figure(found: dict[str, list[dict]]) -> str:
         own, color = results.normalized(row), results.color(row["row"])
         axis.plot(own, [place] * len(own), "o", color=color, alpha=0.5, mec="none")
         axis.plot([own.mean()] * 2, [place - 0.3, place + 0.3], color=color, lw=2)
-    _lay_out(axis, [row["row"] for row in rows])
+    _lay_out(axis, [results.name(row["row"]) for row in rows])
     axis.tick_params(axis="y", labelsize=8)
     (task, target), *_ = pairs
     axis.set_xlabel(f"{task} to {target}: normalised true return, a dot a seed, their mean")

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from eairl_jax import Algorithm, Lanes, LearnedReward, demonstrations, make_rl, reward_function
+from eairl_jax.actor import seen
 from eairl_jax.types import PyTree, Transition
 from envs.mjx_task import MjxTask
 from experiments.algorithms import refuse_meaningless
@@ -19,7 +19,7 @@ from experiments.folder import Folder, digest
 from experiments.imitate import take_rows
 from experiments.reference import Reference, reference, shipped
 from experiments.settings import Recipe, parse_overrides, recipe
-from experiments.training import RETRAIN, Start, final_returns, lane_keys, train
+from experiments.training import RETRAIN, final_returns, lane_keys, train
 
 
 @dataclass(frozen=True)
@@ -56,16 +56,12 @@ def target_settings(target: Target) -> dict:
         "retrain_hparams": dataclasses.asdict(own.hparams),
         "retrain_snapshot_every": own.snapshot_every,
         "restarts": own.restarts,
-    } | ({"screening": own.screening} if own.screening else {})
+    }
 
 
 def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | None, params: PyTree,
-            labels: list[dict], phase: int, until: int | None = None, start: Start | None = None,
-            ) -> tuple[Algorithm, PyTree]:  # fmt: skip
+            labels: list[dict], phase: int) -> tuple[Algorithm, PyTree]:  # fmt: skip
     """Trains a fresh policy a lane in the target task, on learned rewards `[lanes, ...]` or, if None, on the true one.
-
-    Args:
-      until, start: as in `training.train`.
 
     Returns:
       The algorithm and the final states `[lanes, ...]`; the curves are in the folder's metrics.
@@ -74,18 +70,17 @@ def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | 
         algorithm = make_rl(target.env, target.recipe.config)
     else:
         function = reward_function(reward.config)
-        executed, limit = reward.config.actions == "executed", target.env.action_limit
 
         def of(params: PyTree, tau: Transition):
             """The reward of actions as it has come to know them, whichever the policy's are."""
-            return function(params, tau.obs, jnp.clip(tau.action, -limit, limit) if executed else tau.action)
+            return function(params, tau.obs, seen(tau, target.env, reward.config).action)
 
         algorithm = make_rl(target.env, target.recipe.config, of)
     keys = lane_keys(phase, *([label[name] for label in labels] for name in labels[0]))
     # A learned reward is one of maximum-entropy reinforcement learning; the true one is not.
     hparams = target.recipe.hparams if reward else dataclasses.replace(target.recipe.hparams, temperature=0.0)
     lanes = Lanes(algorithm, keys, hparams, params, data_per_lane=reward is not None)
-    return algorithm, train(folder, title, lanes, target.recipe, labels, until=until, start=start)
+    return algorithm, train(folder, title, lanes, target.recipe, labels)
 
 
 def score(
@@ -93,35 +88,23 @@ def score(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trains `target.recipe.restarts` policies for each seed and keeps the best *by the reward it was trained on*.
 
-    A policy can settle before a wall that it has to walk around, or never learn to walk. Which of several did not is
-    visible in the learned reward; the true reward has no say. With `screening`, only those that are best after so many
-    iterations are trained to the end.
+    A policy can settle before a wall that it has to walk around. Which of several did not is visible in the learned
+    reward; the true reward has no say.
 
     Returns:
       `(curves [seeds, iterations] of true returns, final true returns [seeds])` of the kept policies.
     """
-    own, count, start = target.recipe, len(seeds), None
-    labels = [{"restart": restart, "seed": seed} for restart in range(own.restarts) for seed in seeds]
-
-    def params(restarts: int) -> PyTree:
-        return jax.tree.map(lambda leaf: np.concatenate([leaf] * restarts), reward.params) if reward else ()
-
-    if own.finalists < own.restarts:
-        first = Folder(folder.path / "screening", {"screening": own.screening})
-        tries = f"{title}, {own.restarts} tries"
-        _, state = retrain(first, tries, target, reward, params(own.restarts), labels, RETRAIN, own.screening)
-        kept = best_restarts(first, own.restarts, count)
-        curves = {name: first.curve(name, len(labels))[kept] for name in first.metric_names(labels[0])}
-        start, labels = Start(own.screening, take_rows(state, kept), curves), [labels[lane] for lane in kept]
-    algorithm, state = retrain(folder, title, target, reward, params(own.finalists), labels, RETRAIN, start=start)
-    kept = best_restarts(folder, own.finalists, count)
+    labels = [{"restart": restart, "seed": seed} for restart in range(target.recipe.restarts) for seed in seeds]
+    params = jax.tree.map(lambda leaf: np.concatenate([leaf] * target.recipe.restarts), reward.params) if reward else ()
+    algorithm, state = retrain(folder, title, target, reward, params, labels, RETRAIN)
+    kept = best_restarts(folder, target.recipe.restarts, len(seeds))
     returns = final_returns(target.env, algorithm, take_rows(state, kept), seeds).mean(axis=1)
-    return kept_curves(folder, target, count), returns
+    return kept_curves(folder, target, len(seeds)), returns
 
 
 def kept_curves(folder: Folder, target: Target, seeds: int) -> np.ndarray:
     """True returns `[seeds, iterations]` of the kept policies while they were trained."""
-    restarts = target.recipe.finalists
+    restarts = target.recipe.restarts
     return folder.curve("true_return", restarts * seeds)[best_restarts(folder, restarts, seeds)]
 
 

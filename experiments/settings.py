@@ -26,7 +26,6 @@ class Recipe:
       config, hparams: static settings, and floats.
       snapshot_every: iterations between snapshots.
       restarts: policies trained for each score; the one that its own reward rates best is kept.
-      screening: iterations after which only the best of the restarts go on; 0: all are trained to the end.
       source_retrain_iterations: length of a training by which `source_retrain` judges a snapshot.
     """
 
@@ -34,13 +33,7 @@ class Recipe:
     hparams: HParams
     snapshot_every: int
     restarts: int = 1
-    screening: int = 0
     source_retrain_iterations: int = 1
-
-    @property
-    def finalists(self) -> int:
-        """How many of the restarts are trained to the end."""
-        return 1 if self.screening else self.restarts
 
 
 # Appendix D.2: entropy and lambda_I 0.001 to imitate, 0.1 and 1.0 to learn a reward; Phi' synced every 2 and 5.
@@ -160,7 +153,7 @@ def recipe(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any], tun
         merged |= own[f"{purpose} tuned"]
     merged |= overrides
     snapshot_every, restarts = merged.pop("snapshot_every"), merged.pop("restarts", 1)
-    judged_after, screening = merged.pop("source_retrain_iterations", 1), merged.pop("screening", 0)
+    judged_after = merged.pop("source_retrain_iterations", 1)
     # A penalty costs time, so it is computed only where its weight is not 0.
     wanted = {"gradient": merged.get("gradient_penalty"), "action_variance": merged.get("action_variance")}
     merged["penalties"] = tuple(name for name, weight in wanted.items() if weight)
@@ -177,10 +170,8 @@ def recipe(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any], tun
         )
     if restarts < 1:
         raise InputError(f"--restarts {restarts}: expected at least 1")
-    # Neither is ever longer than the training that it stands for; what is screened is a snapshot.
-    screening = -(-screening // snapshot_every) * snapshot_every
-    screening = screening if restarts > 1 and screening < config.iterations else 0
-    return Recipe(config, hparams, snapshot_every, restarts, screening, min(judged_after, config.iterations))
+    # Never longer than the training that it stands for.
+    return Recipe(config, hparams, snapshot_every, restarts, min(judged_after, config.iterations))
 
 
 def check_hparams(hparams: HParams, config: Config) -> None:

@@ -6,7 +6,6 @@ import functools
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -25,20 +24,6 @@ EVALUATION_EPISODES = 100
 
 # Phases of an experiment, for `lane_keys`.
 LEARN, RETRAIN, SOURCE_RETRAIN, EVALUATE, CLOSENESS = range(5)
-
-
-class Start(NamedTuple):
-    """Where a training begins that goes on from lanes of another.
-
-    Attributes:
-      done: iterations behind it.
-      state: `[lanes, ...]`.
-      metrics: of those iterations, arrays `[lanes, done]`.
-    """
-
-    done: int
-    state: PyTree
-    metrics: dict[str, np.ndarray]
 
 
 class Diverged(RuntimeError):
@@ -71,8 +56,6 @@ def train(
     recipe: Recipe,
     labels: list[dict],
     on_snapshot: Callable[[int, PyTree], None] | None = None,
-    until: int | None = None,
-    start: Start | None = None,
 ) -> PyTree:
     """Trains all lanes to the end of the recipe, going on from the folder's last checkpoint.
 
@@ -83,8 +66,6 @@ def train(
       title: of the progress bar.
       labels: what tells the lanes apart in `metrics.csv`.
       on_snapshot: given `(iteration, state)` after each chunk, the state as NumPy arrays `[lanes, ...]`.
-      until: the iteration to stop after, if not the recipe's last.
-      start: what to begin with, if not with fresh lanes.
 
     Returns:
       The final state, NumPy arrays `[lanes, ...]`.
@@ -93,24 +74,20 @@ def train(
       Diverged: when a metric is no longer finite.
     """
     config, chunk = recipe.config, recipe.snapshot_every
-    end = until or config.iterations
     checkpoints = Checkpoints(folder.path / "checkpoints")
     state = lanes.init()
     done = checkpoints.latest() or 0
     if done:
         state = lanes.put(checkpoints.restore(done, lanes.take(state)))
-        say(f"{title}: going on from iteration {done} of {end}")
-    elif start:
-        done, state = start.done, lanes.put(start.state)
-        folder.append_metrics(0, config.steps_per_iteration, labels, start.metrics)
-    if done >= end:
+        say(f"{title}: going on from iteration {done} of {config.iterations}")
+    if done >= config.iterations:
         return lanes.take(state)
     with console.status(f"{title}: compiling"):
         compile_seconds = lanes.compile(state, chunk)
     folder.add_seconds(compile_seconds=compile_seconds)
     with _progress() as progress:
-        task = progress.add_task(title, total=end, completed=done, rate="", score="")
-        while done < end:
+        task = progress.add_task(title, total=config.iterations, completed=done, rate="", score="")
+        while done < config.iterations:
             started = time.perf_counter()
             state, metrics = lanes.run(state, chunk)
             taken = time.perf_counter() - started
@@ -128,7 +105,7 @@ def train(
             score = f"true return {ended.mean():.2f}" if ended.size else ""
             progress.update(task, completed=done, rate=rate, score=score)
             if not console.is_terminal:
-                console.print(f"{title}: iteration {done}/{end}  {rate}  {score}", soft_wrap=True)
+                console.print(f"{title}: iteration {done}/{config.iterations}  {rate}  {score}", soft_wrap=True)
     say(f"{title}: compiled in {compile_seconds:.1f} s")
     return lanes.take(state)
 

@@ -12,7 +12,7 @@ import pytest
 import envs
 from eairl_jax import Checkpoints, load_reward
 from eairl_jax.methods import METHODS, names
-from experiments import bench, cli, reproduce, settings, training
+from experiments import bench, cli, reproduce, training
 from experiments.folder import digest
 from experiments.imitate import prepare
 from experiments.reproduce import Entry
@@ -279,8 +279,8 @@ def test_tuned_settings_make_a_row_of_their_own_and_give_way_to_a_users():
 
 def test_transfer_uses_the_source_alone_to_choose(tmp_path, tiny):
     arguments = ["transfer", "point_maze_left", "point_maze_right", "--reward-form", "separable", "--seeds", 2]
-    shorter = ["--set", *tiny, "--retrain-set", *rl_settings(tiny)]
-    assert run(*arguments, "--out", tmp_path / "run", *shorter) == 0
+    settings = ["--set", *tiny, "--retrain-set", *rl_settings(tiny)]
+    assert run(*arguments, "--out", tmp_path / "run", *settings) == 0
     (folder,), (learned,) = ((tmp_path / "run").glob(f"{name}-*") for name in ("transfer", "learn"))
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["target"] == "point_maze_right"
@@ -306,35 +306,6 @@ def test_transfer_uses_the_source_alone_to_choose(tmp_path, tiny):
     (folder,) = (tmp_path / "again").glob("reuse-*")
     reused = json.loads((folder / "summary.json").read_text())
     assert reused["returns"] == summary["returns"]
-
-
-def test_of_screened_tries_the_best_by_their_own_reward_go_on(tmp_path, tiny, monkeypatch):
-    monkeypatch.setitem(settings.PURPOSE_DEFAULTS, "retrain", settings.PURPOSE_DEFAULTS["retrain"] | {"screening": 1})
-    arguments = ["transfer", "pendulum", "pendulum", "--seeds", 2, "--rule", "last", "--out", tmp_path]
-    arguments += ["--set", *tiny, "--retrain-set", *rl_settings(tiny)]
-    assert run(*arguments) == 0
-    (folder,) = tmp_path.glob("transfer-*")
-    summary = json.loads((folder / "summary.json").read_text())
-    tried, finished = rows_of(folder / "screening"), rows_of(folder)
-    assert len(tried) == 4 * 2 * 2  # restarts, seeds, iterations: a whole snapshot
-    assert len(finished) == 2 * 4
-    for seed in ("0", "1"):
-        last = [row for row in tried if (row["seed"], row["iteration"]) == (seed, "2")]
-        best = max(last, key=lambda row: float(row["policy_reward"]))["restart"]
-        own = [row for row in finished if row["seed"] == seed]
-        assert {row["restart"] for row in own} == {best}
-        assert own[:2] == [row for row in tried if (row["seed"], row["restart"]) == (seed, best)]
-        assert [row["iteration"] for row in own] == ["1", "2", "3", "4"]
-    figures = tmp_path / "figures.json"
-    assert run("evaluate", folder, "--episodes", 2, "--json", figures) == 0
-    returns = json.loads(figures.read_text())["returns"]["MJX"]
-    np.testing.assert_allclose(np.mean(returns, axis=1), summary["returns"], rtol=1e-5)
-    # Killed after the screening, it goes on from there.
-    shutil.rmtree(folder / "checkpoints")
-    (folder / "summary.json").unlink()
-    assert run(*arguments) == 0
-    assert json.loads((folder / "summary.json").read_text())["returns"] == summary["returns"]
-    assert rows_of(folder) == finished
 
 
 def test_expert_and_demos_make_what_imitate_reads(tmp_path, tiny, monkeypatch, capsys):
