@@ -34,7 +34,7 @@ class Actor:
 def init(key: Key, env: Env, optimizer: PolicyOptimizer, config: Config) -> Actor:
     """A fresh policy at the start of fresh episodes."""
     env_key, policy_key = jax.random.split(key)
-    environments = rollout.reset(env_key, env, config.num_envs)
+    environments = rollout.reset(env_key, env, config.num_envs, config.rollout_length, config.episode_length)
     stats = normalize.initial(env, config.normalize_obs)
     return Actor(jnp.zeros((), jnp.int32), environments, stats, optimizer.init(policy_key))
 

@@ -129,6 +129,11 @@ class Config:
             raise InputError(f"history_length = {self.history_length}: expected 0 or more iterations")
         if self.restart_every < 0:
             raise InputError(f"restart_every = {self.restart_every}: expected 0 (never) or more iterations")
+        if self.restart_every and self.iterations % self.restart_every:
+            raise InputError(
+                f"iterations = {self.iterations} is not a multiple of restart_every = {self.restart_every}: the last "
+                "policy would be cut short; choose a multiple"
+            )
         if self.steps_per_iteration % self.ppo_minibatches:
             raise InputError(
                 f"ppo_minibatches = {self.ppo_minibatches} does not divide num_envs x rollout_length = "

@@ -19,7 +19,7 @@ class RolloutState:
     Attributes:
       env: the environments' states, every leaf `[N, ...]`.
       steps: `[N]` steps taken in the current episode.
-      episode_return: `[N]` true return so far in the current episode.
+      episode_return: `[N]` true return so far in the current episode; NaN in a first one that began late.
       mean_return: `[]` mean true return of the episodes that ended in the last rollout in which any did; NaN before.
     """
 
@@ -29,10 +29,17 @@ class RolloutState:
     mean_return: jax.Array
 
 
-def reset(key: Key, env: Env, num_envs: int) -> RolloutState:
-    """Starts an episode in each of `num_envs` environments."""
+def reset(key: Key, env: Env, num_envs: int, length: int, episode_length: int) -> RolloutState:
+    """Starts an episode in each of `num_envs` environments, and counts some of them as `length`, 2 `length`, ... old.
+
+    Where nothing ends early, environments that start together would stay together: with rollouts of a tenth of an
+    episode every batch would hold one tenth of it, the start only every tenth time. Returns of episodes that began
+    late are not counted.
+    """
     states = jax.vmap(env.reset)(jax.random.split(key, num_envs))
-    return RolloutState(states, jnp.zeros(num_envs, jnp.int32), jnp.zeros(num_envs), jnp.full((), jnp.nan, jnp.float32))
+    steps = length * (jnp.arange(num_envs, dtype=jnp.int32) % max(1, episode_length // length))
+    returns = jnp.where(steps > 0, jnp.nan, jnp.zeros(num_envs))
+    return RolloutState(states, steps, returns, jnp.full((), jnp.nan, jnp.float32))
 
 
 def action_limit(env: Env) -> float:
@@ -86,8 +93,10 @@ def rollout(
     carry, (transitions, ended, returns) = jax.lax.scan(
         step, (state.env, state.steps, state.episode_return), (noise, picks)
     )
-    count = ended.sum()
-    mean_return = jnp.where(count > 0, jnp.sum(returns * ended) / jnp.maximum(count, 1), state.mean_return)
+    counted = ended & ~jnp.isnan(returns)
+    count = counted.sum()
+    mean = jnp.where(counted, returns, 0.0).sum() / jnp.maximum(count, 1)
+    mean_return = jnp.where(count > 0, mean, state.mean_return)
     return RolloutState(*carry, mean_return), transitions
 
 

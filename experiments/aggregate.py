@@ -52,6 +52,7 @@ def _bootstrap(statistic, samples: Sequence[np.ndarray]) -> Estimate:
     value = float(statistic(*samples))
     if max(len(sample) for sample in samples) < 2:
         return Estimate(value, value, value)  # one seed says nothing of its spread
+    samples = [np.repeat(sample, 2) if len(sample) < 2 else sample for sample in samples]  # nor does it beside others
     # Percentiles: the other methods are undefined where all resamples agree.
     interval = stats.bootstrap(samples, statistic, n_resamples=RESAMPLES, method="percentile", vectorized=True,
                                rng=np.random.default_rng(0)).confidence_interval  # fmt: skip

@@ -32,9 +32,10 @@ def meaningless(config: Config) -> set[str]:
     unread = PPO if config.optimizer == "trpo" else TRPO
     if config.method == "bc":
         return PPO | TRPO | EMPOWERMENT | ADVERSARY | REINFORCEMENT
-    if not uses_empowerment(resolve(config)):
-        return unread | EMPOWERMENT
-    return unread
+    resolved = resolve(config)
+    if resolved.reward_form != "separable":
+        unread |= {"action_part"}
+    return unread if uses_empowerment(resolved) else unread | EMPOWERMENT
 
 
 def refuse_meaningless(configs: list[Config], given: set[str], purpose: str | None = None) -> None:

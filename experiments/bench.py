@@ -168,7 +168,7 @@ def engines(job: Job, iterations: int, threads: int) -> dict[str, Callable[[], N
     keys = jax.random.split(jax.random.PRNGKey(0), devices)
 
     def start(key, _):
-        return key, rollout.reset(key, env, config.num_envs).env
+        return key, rollout.reset(key, env, config.num_envs, config.rollout_length, config.episode_length).env
 
     def step(carry, _, __):
         key, state = carry

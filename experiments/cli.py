@@ -6,7 +6,7 @@ import errno
 import os
 import shlex
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Literal
@@ -20,13 +20,13 @@ Set = Annotated[
     arg(
         name="set",
         metavar="NAME=VALUE",
-        help="Override any setting of Config or HParams, e.g. lambda_i=0.1 iterations=400.",
+        help="Override any setting of Config or HParams, e.g. gamma=0.99 iterations=400.",
     ),
 ]
 Methods = Annotated[
     tuple[str, ...],
-    arg(metavar="NAME", help="One or more of eairl, eairl_release, airl_sa, airl_s, gail, gan_gcl, bc; each gets a row "
-        "in the table."),
+    arg(metavar="NAME", help="One or more of eairl, eairl_release, airl_sa, airl_s, gail, gan_gcl, and to imitate bc; "
+        "each gets a row in the table."),
 ]  # fmt: skip
 Forms = Annotated[
     tuple[str, ...],
@@ -41,7 +41,8 @@ Demos = Annotated[
 ]
 Optimizer = Annotated[Literal["ppo", "trpo"], arg(help="How policies are trained.")]
 Tuned = Annotated[
-    bool, arg(help="Settings of ours, found with other seeds of the source task, where the paper's fall short.")
+    bool,
+    arg(help="Settings of ours instead of the paper's, found on the ant with seeds 0 and 1: --first-seed 20 is fair."),
 ]
 Seeds = Annotated[int, arg(help="Independent runs, trained side by side.")]
 FirstSeed = Annotated[int, arg(help="Number of the first of them; another one than 0 gives fresh random numbers.")]
@@ -50,6 +51,15 @@ FirstSeed = Annotated[int, arg(help="Number of the first of them; another one th
 def seed_range(command) -> range:
     """The seeds of a command."""
     return range(command.first_seed, command.first_seed + command.seeds)
+
+
+def refuse_of_learning(given: list[str]) -> None:
+    """Raises `InputError` for options of learning where a saved reward is used, which was learned."""
+    from eairl_jax import InputError
+
+    if given:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise InputError(f"{options}: of learning a reward, but --reward gives one that is learned; leave it out")
 
 
 @dataclass
@@ -195,6 +205,10 @@ class Transfer:
     def run(self, line: str) -> None:
         from experiments import transfer
 
+        if self.reward is not None:
+            learning = ("method", "reward_form", "tuned", "seeds", "first_seed", "rule", "demos", "set")
+            defaults = {field.name: field.default for field in fields(self)}
+            refuse_of_learning([name for name in learning if getattr(self, name) != defaults[name]])
         by = f"optimizer={self.optimizer}"
         transfer.command(
             self.source, self.target, self.method, self.reward_form, seed_range(self), self.rule, self.demos,

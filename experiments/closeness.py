@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from eairl_jax import Demonstrations, LearnedReward, demonstrations, load_reward, random_policy, reward_function
+from eairl_jax import Config, Demonstrations, LearnedReward, demonstrations, load_reward, random_policy, reward_function
 from eairl_jax.actor import seen
 from eairl_jax.artefact import read_json, write_json
 from eairl_jax.types import Key, PyTree
@@ -40,15 +40,15 @@ class Walk(NamedTuple):
     after: PyTree
 
 
-def walk(key: Key, env: MjxTask, act: Callable[[jax.Array, Key], jax.Array]) -> Walk:
-    """`EPISODES` whole episodes of a policy, flattened."""
+def walk(key: Key, env: MjxTask, act: Callable[[jax.Array, Key], jax.Array], config: Config) -> Walk:
+    """`EPISODES` whole episodes of a policy, flattened; its actions as a reward of `config` knows them."""
     reset_key, key = jax.random.split(key)
     start = jax.vmap(env.reset)(jax.random.split(reset_key, EPISODES))
 
     def step(state, key):
-        action = jnp.clip(act(state.obs, key), -env.action_limit, env.action_limit)
-        after = jax.vmap(env.step)(state, action)
-        return after, Walk(state, action, after)
+        action = act(state.obs, key)
+        after = jax.vmap(env.step)(state, jnp.clip(action, -env.action_limit, env.action_limit))
+        return after, seen(Walk(state, action, after), env, config)
 
     _, walked = jax.lax.scan(step, start, jax.random.split(key, env.episode_length))
     return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), walked)
@@ -104,8 +104,8 @@ def of_task(
     @jax.vmap
     def measure(key, params, state):
         policy_key, random_key, pick_key, try_key = jax.random.split(key, 4)
-        walks = {"policy": walk(policy_key, env, lambda obs, key: act(state, obs, key)),
-                 "random": walk(random_key, env, random_policy(env))}  # fmt: skip
+        walks = {"policy": walk(policy_key, env, lambda obs, key: act(state, obs, key), reward.config),
+                 "random": walk(random_key, env, random_policy(env), reward.config)}  # fmt: skip
         both = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *walks.values())
         picked = jax.random.randint(pick_key, (TRANSITIONS,), 0, both.action.shape[0])
         x = jax.tree.map(lambda leaf: leaf[picked], both)

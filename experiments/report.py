@@ -46,7 +46,7 @@ def page(found: dict[str, list[dict]], folder: Path) -> str:
     pictures = [(path.stem, _data_url(path.read_bytes(), "png")) for path in sorted(folder.glob("appendix-c-*.png"))]
     return Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(template).render(
         claims=judged,
-        count={holds: sum(claim.holds == holds for claim in judged) for holds in HOLDS},
+        count={holds: sum(claim.holds == holds for claim in judged if claim.paper) for holds in HOLDS},
         lead=lead,
         overview=overview(found),
         tables=[table for name in ("table2", "table1") for table in results.tables(found[name], paper.TABLES[name])],
@@ -75,6 +75,8 @@ def overview(found: dict[str, list[dict]]) -> str:
     ):  # fmt: skip
         if rows:
             panels.append((title, rows, rule, table))
+    if not panels:
+        return ""
     figure, axes = figure_of(1, len(panels), (5.6, 3.4), "")
     for axis, (title, rows, rule, table) in zip(axes[0], panels, strict=True):
         names = [name for name in dict.fromkeys(row["row"] for row in rows) if scores(rows, name, rule)]

@@ -13,7 +13,7 @@ from eairl_jax.methods import METHODS
 from experiments import closeness, figures, imitate, paper, results, transfer
 from experiments.folder import Folder, machine
 from experiments.imitate import Job
-from experiments.retrain import Target, as_target, kept_curves
+from experiments.retrain import Target, as_target, kept_curves, target_settings
 from experiments.rules import Rule
 from experiments.settings import make_env
 from experiments.summary import Row, print_table
@@ -137,6 +137,8 @@ def command(name: str, quick: bool, seeds: int, tasks: tuple[str, ...], out: Pat
     plan = {experiment: [entry for entry in EXPERIMENTS[experiment] if is_wanted(entry, tasks, quick)]
             for experiment in wanted}  # fmt: skip
     # Everything is checked before anything is trained.
+    for experiment, entries in plan.items():
+        refuse_other_seeds(folder / f"{experiment}.json", entries, list(range(FIRST_SEED, FIRST_SEED + seeds)))
     jobs = {entry: prepare(entry, seeds, quick) for entries in plan.values() for entry in entries}
     targets = {task: as_target(task, make_env(task), short(quick)) for task in
                {name for entry in jobs if entry.target for name in (entry.task, entry.target)}}  # fmt: skip
@@ -149,6 +151,17 @@ def command(name: str, quick: bool, seeds: int, tasks: tuple[str, ...], out: Pat
     for figure, experiment in FIGURES.items():
         if name in ("all", figure):
             figures.DRAWN[figure](results.load(folder / f"{experiment}.json"), out, folder, tasks)
+
+
+def refuse_other_seeds(path: Path, entries: list[Entry], seeds: list[int]) -> None:
+    """Raises `InputError` if rows would take the place of ones of other seeds, as those that we ship."""
+    wanted = {entry.identity for entry in entries}
+    for row in results.load(path):
+        if results.identity(row) in wanted and row["seeds"] != seeds:
+            raise InputError(
+                f"{path} holds {row['row']} of {row['task']} with seeds {row['seeds'][0]} to {row['seeds'][-1]}, which "
+                f"these {len(seeds)} seeds would replace: give another --results DIR to keep yours apart"
+            )
 
 
 def is_wanted(entry: Entry, tasks: tuple[str, ...], quick: bool) -> bool:
@@ -180,6 +193,7 @@ def train(entry: Entry, job: Job, targets: dict[str, Target], out: Path, line: s
         rule = Rule.parse(entry.rule, job.recipe, source.recipe)
         summary = transfer.transfer(job, rule, source, target, out, line)
         folder = transfer.folder_of(job, rule, target, out)
+        own["retrain_settings"] = target_settings(target)
         if rule.kind == "policy":
             return own | summary | {"command": line}
         curves, steps = kept_curves(folder, target, len(job.seeds)), target.recipe.config

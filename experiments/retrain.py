@@ -11,8 +11,7 @@ import jax
 import numpy as np
 
 from eairl_jax import Algorithm, Lanes, LearnedReward, demonstrations, make_rl, reward_function
-from eairl_jax.actor import seen
-from eairl_jax.types import PyTree, Transition
+from eairl_jax.types import PyTree
 from envs.mjx_task import MjxTask
 from experiments.algorithms import refuse_meaningless
 from experiments.folder import Folder, digest
@@ -70,12 +69,9 @@ def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | 
         algorithm = make_rl(target.env, target.recipe.config)
     else:
         function = reward_function(reward.config)
-
-        def of(params: PyTree, tau: Transition):
-            """The reward of actions as it has come to know them, whichever the policy's are."""
-            return function(params, tau.obs, seen(tau, target.env, reward.config).action)
-
-        algorithm = make_rl(target.env, target.recipe.config, of)
+        # Actions, and log pi with them, as the reward came to know them.
+        config = dataclasses.replace(target.recipe.config, actions=reward.config.actions)
+        algorithm = make_rl(target.env, config, lambda params, tau: function(params, tau.obs, tau.action))
     keys = lane_keys(phase, *([label[name] for label in labels] for name in labels[0]))
     # A learned reward is one of maximum-entropy reinforcement learning; the true one is not.
     hparams = target.recipe.hparams if reward else dataclasses.replace(target.recipe.hparams, temperature=0.0)

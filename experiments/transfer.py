@@ -125,6 +125,8 @@ def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str
     put_to_use = as_target(target, target_env, retrain_assignments, restarts)
     if reward is not None:
         learned = load_reward(reward, target_env.observation_size, target_env.action_size)
+        if learned.description["task"] != source:
+            raise InputError(f"{reward} was learned in {learned.description['task']}, not in {source}: name that task")
         summaries = [from_artefact(learned, reward, put_to_use, out, line)]
     else:
         jobs = imitate.prepare(source, methods, forms, seeds, demos, "reward", assignments, tuned)

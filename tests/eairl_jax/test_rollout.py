@@ -26,7 +26,7 @@ def play(toy):
     @functools.cache
     def run(ends_at=None, action_limit=None):
         env = toy(ends_at, action_limit)
-        before = rollout.reset(jax.random.PRNGKey(1), env, NUM_ENVS)
+        before = rollout.reset(jax.random.PRNGKey(1), env, NUM_ENVS, LENGTH, LIMIT)
         run = jax.jit(lambda state: rollout.rollout(jax.random.PRNGKey(0), env, policy, state, LENGTH, LIMIT))
         after, transitions = run(before)
         return jax.tree.map(np.asarray, (before, after, transitions))
@@ -90,7 +90,7 @@ def test_log_prob_is_of_the_unclipped_action_and_the_executed_action_is_clipped(
 
 def test_without_an_end_the_episodes_go_on_into_the_next_rollout(toy):
     env = toy()
-    state = rollout.reset(jax.random.PRNGKey(1), env, NUM_ENVS).replace(mean_return=jnp.asarray(-7.0))
+    state = rollout.reset(jax.random.PRNGKey(1), env, NUM_ENVS, 5, 5).replace(mean_return=jnp.asarray(-7.0))
     run = jax.jit(lambda key, state: rollout.rollout(key, env, policy, state, 2, 5))
     state, first = run(jax.random.PRNGKey(2), state)
     assert state.mean_return == -7.0
@@ -98,3 +98,22 @@ def test_without_an_end_the_episodes_go_on_into_the_next_rollout(toy):
     np.testing.assert_array_equal(second.obs[0], first.next_obs[-1])
     np.testing.assert_array_equal(state.steps, np.full(NUM_ENVS, 4))
     np.testing.assert_allclose(state.episode_return, first.reward.sum(axis=0) + second.reward.sum(axis=0), rtol=1e-5)
+
+
+def test_short_rollouts_see_every_part_of_an_episode(toy):
+    env, length, episode = toy(), 2, 6
+    state = rollout.reset(jax.random.PRNGKey(1), env, NUM_ENVS, length, episode)
+    np.testing.assert_array_equal(state.steps, [0, 2, 4, 0, 2, 4, 0, 2])
+    run = jax.jit(lambda key, state: rollout.rollout(key, env, policy, state, length, episode))
+    whole = np.zeros(NUM_ENVS)
+    for i in range(2 * episode // length):
+        started = np.asarray(state.steps) == 0
+        state, x = run(jax.random.PRNGKey(i), state)
+        # Every rollout ends some episodes, but the first ones of environments that began late have no return.
+        assert set(np.asarray(state.steps)) == {0, 2, 4}
+        whole = np.where(started, 0.0, whole) + x.reward.sum(axis=0)
+        ended, late = np.asarray(state.steps) == 0, i < 2
+        np.testing.assert_array_equal(np.isnan(state.mean_return), late)
+        if not late:
+            np.testing.assert_allclose(state.mean_return, whole[ended].mean(), rtol=1e-5)
+    assert not np.isnan(state.episode_return).any()

@@ -39,3 +39,5 @@ def test_a_row_beside_itself_is_even():
 
 def test_one_seed_has_no_interval():
     assert interquartile_mean([np.array([3.0]), np.array([5.0])]) == (4.0, 4.0, 4.0)
+    beside = interquartile_mean([np.array([4.0]), np.array([3.0, 5.0])])
+    assert beside.low < beside.value == 4.0 < beside.high

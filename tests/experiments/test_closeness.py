@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import envs
-from eairl_jax import random_policy
+from eairl_jax import Config, random_policy
 from experiments.closeness import EPISODES, GAMMA, Walk, canonical, epic, rank_correlation, walk
 
 x = np.random.default_rng(0).normal(size=500)
@@ -39,7 +39,7 @@ def test_the_canonical_reward_by_hand():
 
 def test_a_walk_is_of_the_environment():
     env = envs.make("pendulum")
-    x = jax.jit(lambda key: walk(key, env, random_policy(env)))(jax.random.PRNGKey(0))
+    x = jax.jit(lambda key: walk(key, env, random_policy(env), Config()))(jax.random.PRNGKey(0))
     assert x.action.shape == (EPISODES * env.episode_length, 1)
     # The recorded states are whole: a step from one of them is the step that was taken.
     one = jax.tree.map(lambda leaf: leaf[37], x)

@@ -277,7 +277,7 @@ def test_tuned_settings_make_a_row_of_their_own_and_give_way_to_a_users():
     assert papers.recipe.config.iterations == ours.recipe.config.iterations
 
 
-def test_transfer_uses_the_source_alone_to_choose(tmp_path, tiny):
+def test_transfer_uses_the_source_alone_to_choose(tmp_path, tiny, capsys):
     arguments = ["transfer", "point_maze_left", "point_maze_right", "--reward-form", "separable", "--seeds", 2]
     settings = ["--set", *tiny, "--retrain-set", *rl_settings(tiny)]
     assert run(*arguments, "--out", tmp_path / "run", *settings) == 0
@@ -301,6 +301,8 @@ def test_transfer_uses_the_source_alone_to_choose(tmp_path, tiny):
     np.testing.assert_allclose(np.mean(returns["MJX"], axis=1), summary["returns"], rtol=1e-5)
     np.testing.assert_allclose(returns["C engine"], returns["MJX"], rtol=0.02)
     # And the artefact can be put to use again.
+    assert run("transfer", "point_maze_right", "point_maze_left", "--reward", folder / "reward") == 2
+    assert "was learned in point_maze_left, not in point_maze_right" in capsys.readouterr().err
     again = ["transfer", "point_maze_left", "point_maze_right", "--reward", folder / "reward"]
     assert run(*again, "--out", tmp_path / "again", "--retrain-set", *rl_settings(tiny)) == 0
     (folder,) = (tmp_path / "again").glob("reuse-*")
@@ -390,6 +392,10 @@ REFUSED = {
     "unknown rule": (["transfer", "point_maze_left", "point_maze_right", "--rule", "best"], "source_retrain"),
     "unkept iteration": (["transfer", "point_maze_left", "point_maze_right", "--rule", "iteration=7"], "no snapshot"),
     "no reward": (["transfer", "point_maze_left", "point_maze_right", "--reward", "nowhere"], "reward.json"),
+    "learning beside a learned reward": (
+        ["transfer", "point_maze_left", "point_maze_right", "--reward", "nowhere", "--seeds", "2", "--rule", "last"],
+        "--seeds, --rule: of learning a reward",
+    ),
     "no expert": (["demos", "pendulum", "--expert", "nowhere"], "eairl expert pendulum"),
     "nothing to transfer": (["transfer", "point_maze_left", "point_maze_right", "--method", "bc"], "learns no reward"),
     "another method's setting": (["imitate", "pendulum", "--method", "gail", "--set", "lambda_i=1"], "leave it out"),
@@ -501,6 +507,11 @@ def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys):
     assert run(*arguments) == 0
     again = json.loads((tmp_path / "table2.json").read_text())["rows"]
     assert [r["returns"] for r in again] == [r["returns"] for r in rows]
+    # Rows of other seeds are not replaced.
+    capsys.readouterr()
+    monkeypatch.setattr(reproduce, "QUICK_SEEDS", 1)
+    assert run(*arguments) == 2
+    assert "holds bc of pendulum with seeds 20 to 21" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("task", envs.TASKS)
