@@ -219,7 +219,7 @@ class Transfer:
 
 @dataclass
 class Reproduce:
-    """Train the paper's tables and figures, or go on with them: what is missing is trained, what is there is kept.
+    """Train the paper's tables and figures, or go on with them: runs that are in --out already are kept.
 
     20 demonstrations, the last iteration's reward (and `source_retrain`), no selection on a target task, seeds that no
     setting was found with. Results are written after every row.

@@ -24,6 +24,7 @@ COLORS = {
 }  # fmt: skip
 RULES = ("last", "source_retrain", "policy")  # a column each
 HOME = "back in the source"  # the column of rewards that are retrained where they were learned
+IMITATING = "imitating, in the source"  # that of the policies that learned the rewards, where they did
 
 
 def load(path: Path) -> list[dict]:
@@ -143,12 +144,14 @@ def _transfer(rows: list[dict], everything: list[dict], table: dict) -> Table:
     lines = [("expert", [_expert(first, table)]), ("ceiling", [Cell(_show(first["ceiling"]), best)])]
     for each in dict.fromkeys(row["row"] for row in rows if row["rule"] in RULES):
         cells = [cell(own.get((each, rule)), table if rule == "last" else {}) for rule in columns]
-        lines.append((name(each), cells))
+        learned = next(row for row in rows if row["row"] == each)["imitation_returns"]
+        lines.append((name(each), [*cells, Cell(_show(learned))]))
     picked = picked_on_the_target(rows)
     if picked:
         lines.append(("EAIRL, iteration picked by its score in the target", [cell(picked, {})]))
     lines += [("random reward", [cell(row, {})]) for row in rows if row["rule"] == "random"]
-    return Table(f"{first['task']} to {first['target']}", columns, [*lines, ("random actions", [_random(first)])])
+    title = f"{first['task']} to {first['target']}"
+    return Table(title, [*columns, IMITATING], [*lines, ("random actions", [_random(first)])])
 
 
 def _expert(row: dict, table: dict) -> Cell:
@@ -181,7 +184,7 @@ def markdown(table: Table) -> str:
 
 
 def _with_share(figure: str, share: float | None) -> str:
-    return f"{figure} ({share:.2f})" if figure else ""
+    return figure if share is None else f"{figure} ({share:.2f})"
 
 
 def _show(returns: list[float]) -> str:
