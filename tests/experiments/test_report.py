@@ -89,7 +89,9 @@ def test_as_well_and_better(ours, theirs, as_well, better):
     assert judged(results, "EAIRL imitates as well as GAIL").holds == as_well
     assert judged(results, "EAIRL imitates better than AIRL(s)").holds == better
     assert judged(found(*rows[:-1]), "EAIRL imitates as well as GAIL").holds == as_well
-    assert judged(found(*rows[:-1]), "EAIRL imitates better than AIRL(s)").holds == ("open" if better == "yes" else "no")
+    assert judged(found(*rows[:-1]), "EAIRL imitates better than AIRL(s)").holds == (
+        "open" if better == "yes" else "no"
+    )
 
 
 def test_nothing_is_claimed_of_what_was_not_run():
