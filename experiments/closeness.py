@@ -23,7 +23,7 @@ from experiments import imitate
 from experiments.folder import Folder
 from experiments.imitate import Job
 from experiments.reference import shipped
-from experiments.retrain import Target
+from experiments.retrain import Target, kept_curves, tail
 from experiments.training import CLOSENESS, lane_keys
 
 EPISODES = 8  # walked by the policy, and as many at random
@@ -92,7 +92,7 @@ def of_task(
     """The measures of every row of a reward in one task, a number a seed.
 
     EPIC's transitions are half the policy's, half of random actions; rank correlations are with the true reward of
-    the expert's demonstrations, of the policy's walk and of the random one.
+    the expert's demonstrations, of the policy's walk and of the random one. "worth" is the mean learned reward of each.
 
     Args:
       act, state: the imitating policies, `Algorithm.act` and its states `[seeds, ...]`.
@@ -122,11 +122,16 @@ def of_task(
         measured[f"rank correlation, {name}"] = [
             rank_correlation(a.ravel(), b.ravel()) for a, b in zip(learned, true_reward, strict=True)
         ]
+        measured[f"worth, {name}"] = [float(lane.mean()) for lane in learned]
     return measured
 
 
 def of_transfer(folder: Folder, learning: Folder, job: Job, target: Target) -> dict[str, dict]:
-    """The measures of a transfer's reward in its source and in its target; kept in the transfer's folder."""
+    """The measures of a transfer's reward in its source and in its target; kept in the transfer's folder.
+
+    In the target also what the policies that were trained on the reward are worth to it, in the end. Are they worth
+    more than the expert, the reward is mistaken; less, they have not found what it pays for.
+    """
     path = folder.path / "closeness.json"
     if not path.exists():
         reward = load_reward(folder.path / "reward")
@@ -136,5 +141,8 @@ def of_transfer(folder: Folder, learning: Folder, job: Job, target: Target) -> d
             place: of_task(reward, env, algorithm.act, state, demonstrations.load(shipped(task), task))
             for place, (task, env) in zip(("source", "target"), tasks.items(), strict=True)
         }
+        measured["target"]["worth, retrained"] = tail(
+            kept_curves(folder, target, len(job.seeds), "policy_reward")
+        ).tolist()
         write_json(path, measured)
     return read_json(path)

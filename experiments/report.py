@@ -17,6 +17,8 @@ from experiments.reproduce import EXPERIMENTS
 from experiments.summary import curve_figure, figure_of
 from experiments.training import console
 
+WORTH = ("random", "expert", "retrained")
+
 
 def command(folder: Path | None, out: Path | None) -> None:
     """Writes the page."""
@@ -56,6 +58,7 @@ def page(found: dict[str, list[dict]], folder: Path) -> str:
                                 [row for row in transfers if row["rule"] == "last"]),
         ablations=ablation_figure(found),
         closeness=closeness_table(transfers),
+        worth=worth_table(transfers),
         closeness_figure=closeness_figure(transfers),
         pictures=pictures,
         discussion=rest,
@@ -141,10 +144,17 @@ def closeness_table(rows: list[dict]) -> list[dict]:
     for row in rows:
         if "closeness" in row:
             measures = {f"{place}: {name}": _mean(values) for place, measured in row["closeness"].items()
-                        for name, values in measured.items()}  # fmt: skip
+                        for name, values in measured.items() if not name.startswith("worth")}  # fmt: skip
             table.append({"pair": f"{row['task']} to {row['target']}", "row": results.name(row["row"]),
                           "score": row["normalized"], "measures": measures})  # fmt: skip
     return table
+
+
+def worth_table(rows: list[dict]) -> list[dict]:
+    """What the target's expert, random actions and the retrained policies are worth to each reward, means a step."""
+    return [{"pair": f"{row['task']} to {row['target']}", "row": results.name(row["row"]), "score": row["normalized"],
+             "worth": [_mean(row["closeness"]["target"][f"worth, {who}"]) for who in WORTH]}
+            for row in rows if "closeness" in row]  # fmt: skip
 
 
 def _mean(values: list[float | None]) -> float | None:

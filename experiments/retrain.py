@@ -98,10 +98,10 @@ def score(
     return kept_curves(folder, target, len(seeds)), returns
 
 
-def kept_curves(folder: Folder, target: Target, seeds: int) -> np.ndarray:
-    """True returns `[seeds, iterations]` of the kept policies while they were trained."""
+def kept_curves(folder: Folder, target: Target, seeds: int, metric: str = "true_return") -> np.ndarray:
+    """A metric `[seeds, iterations]` of the kept policies while they were trained."""
     restarts = target.recipe.restarts
-    return folder.curve("true_return", restarts * seeds)[best_restarts(folder, restarts, seeds)]
+    return folder.curve(metric, restarts * seeds)[best_restarts(folder, restarts, seeds)]
 
 
 def best_restarts(folder: Folder, restarts: int, seeds: int) -> np.ndarray:

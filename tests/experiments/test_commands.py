@@ -550,6 +550,11 @@ def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys):
     last, policy, random = rows
     assert set(last["closeness"]) == {"source", "target"}
     assert len(last["closeness"]["target"]["epic"]) == 2
+    # What the kept restarts were worth to the reward in their last iteration.
+    ended = [r for r in rows_of(tmp_path / "transfer-point_maze_left-to-point_maze_right-eairl-sa-last")
+             if r["iteration"] == "4"]  # fmt: skip
+    kept = [max(float(r["policy_reward"]) for r in ended if r["seed"] == seed) for seed in ("20", "21")]
+    np.testing.assert_allclose(last["closeness"]["target"]["worth, retrained"], kept, rtol=1e-5)
     # The policy was moved as it was, and the random reward is that of before learning.
     assert "curve" not in policy
     assert random["chosen_iterations"] == [0, 0]

@@ -24,6 +24,7 @@ def whole(*arguments):
     """A row with all that a page shows of one."""
     measures = {name: [0.5, None] for name in ("epic", *(f"rank correlation, {of}" for of in ("expert", "policy",
                                                                                              "random")))}  # fmt: skip
+    measures |= {f"worth, {who}": [1.0, 2.0] for who in ("random", "expert", "policy", "retrained")}
     config = {"iterations": 4, "num_envs": 2, "rollout_length": 5}
     return result(*arguments) | {
         "seeds": [0, 1], "env_steps": 40, "run_seconds": 60.0, "closeness": {"source": measures, "target": measures},
@@ -40,7 +41,8 @@ def test_the_page_shows_what_there_is_and_needs_no_network(tmp_path):
                     ablations=[whole("eairl-sa+lambda_i=0", [3.0, 4.0], *MAZES, "last")])  # fmt: skip
     text = page(results, tmp_path)
     for shown in ("<strong>In short.</strong>", "And <em>more</em>.", "point_maze_left to point_maze_right",
-                  "behaviour cloning", "1.50 ± 0.50", "-7.01 ± 0.61", "eairl reproduce table2 --task ant"):  # fmt: skip
+                  "behaviour cloning", "1.50 ± 0.50", "-7.01 ± 0.61", "<td>1.50</td>",
+                  "eairl reproduce table2 --task ant"):  # fmt: skip
         assert shown in text
     assert text.count("data:image/svg+xml") == 5  # overview, two sets of curves, ablations, closeness
     assert not re.search(r'(src|href)="http', text)
