@@ -70,17 +70,15 @@ def page(found: dict[str, list[dict]], folder: Path) -> str:
 
 def overview(found: dict[str, list[dict]]) -> str:
     """The first screen's figure: each row's score with its interval, and the paper's."""
-    panels = []
-    for title, rows, rule, table in (
+    moved = results.moved(found["table1"])
+    panels = [panel for panel in (
         ("imitation", found["table2"], None, paper.IMITATION),
-        ("transfer, last iteration's reward",
-         results.moved(found["table1"]), "last", paper.TRANSFER),
-    ):  # fmt: skip
-        if rows:
-            panels.append((title, rows, rule, table))
+        *((f"the reward in {place}", [row for row in moved if row["task"].startswith(source)], "last", paper.TRANSFER)
+          for place, source in (("the other maze", "point_maze"), ("the crippled ant", "ant"))),
+    ) if panel[1]]  # fmt: skip
     if not panels:
         return ""
-    figure, axes = figure_of(1, len(panels), (5.6, 3.4), "")
+    figure, axes = figure_of(1, len(panels), (4.6, 3.4), "")
     for axis, (title, rows, rule, table) in zip(axes[0], panels, strict=True):
         names = [name for name in dict.fromkeys(row["row"] for row in rows) if scores(rows, name, rule)]
         for place, name in enumerate(reversed(names)):
