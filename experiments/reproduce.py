@@ -113,6 +113,7 @@ EXPERIMENTS: dict[str, list[Entry]] = {
     ],
     "table2": [
         *(Entry(task, method) for task in IMITATED for method in IMITATORS),
+        Entry("half_cheetah", "eairl", tuned=True),
         *(Entry("ant", method, tuned=True) for method in ("eairl", "gail", "airl_sa", "airl_s")),
     ],
     "ablations": _ablated(MAZES[0]),
