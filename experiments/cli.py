@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import functools
 import os
 import shlex
 import sys
@@ -14,10 +15,11 @@ from typing import Annotated, Literal
 import tyro
 from tyro.conf import Positional, arg, subcommand
 
+own_default = functools.partial(arg, help_behavior_hint="")  # said by the help, or nothing: no "(default: None)"
 Task = Annotated[Positional[str], arg(metavar="TASK", help="Name of a task; `eairl tasks` lists them.")]
 Set = Annotated[
     tuple[str, ...],
-    arg(
+    own_default(
         name="set",
         metavar="NAME=VALUE",
         help="Override any setting of Config or HParams, e.g. gamma=0.99 iterations=400.",
@@ -25,7 +27,7 @@ Set = Annotated[
 ]
 Methods = Annotated[
     tuple[str, ...],
-    arg(metavar="NAME", help="One or more of eairl, eairl_release, airl_sa, airl_s, gail, gan_gcl, and to imitate bc; "
+    arg(metavar="NAME", help="One or more of eairl, eairl_release, airl_sa, airl_s, gail, gan_gcl, bc (to imitate); "
         "each gets a row in the table."),
 ]  # fmt: skip
 Forms = Annotated[
@@ -34,10 +36,10 @@ Forms = Annotated[
         "for transfer), default (the method's own). Several give several rows."),
 ]  # fmt: skip
 Out = Annotated[
-    Path | None, arg(metavar="DIR", help="Folder of the run. Default: runs/ and a name made of the arguments.")
+    Path | None, own_default(metavar="DIR", help="Folder of the run. Default: runs/ and a name made of the arguments.")
 ]
 Demos = Annotated[
-    Path | None, arg(metavar="FILE", help="Demonstrations (.npz). Default: the 20 episodes that we ship.")
+    Path | None, own_default(metavar="FILE", help="Demonstrations (.npz). Default: the 20 episodes that we ship.")
 ]
 Optimizer = Annotated[Literal["ppo", "trpo"], arg(help="How policies are trained.")]
 Tuned = Annotated[
@@ -96,14 +98,14 @@ class Collect:
     """Collect demonstrations from a trained expert: an .npz of whole episodes and a .json of where they came from."""
 
     task: Task
-    expert: Annotated[Path | None, arg(metavar="DIR", help="Folder of `eairl expert`. Default: runs/expert-TASK.")] = (
-        None
-    )
+    expert: Annotated[
+        Path | None, own_default(metavar="DIR", help="Folder of `eairl expert`. Default: runs/expert-TASK.")
+    ] = None
     episodes: int = 20
     """How many episodes."""
     seed: int = 0
     """Of the episodes' randomness."""
-    out: Annotated[Path | None, arg(metavar="FILE", help="Where to write. Default: demos/TASK.npz.")] = None
+    out: Annotated[Path | None, own_default(metavar="FILE", help="Where to write. Default: demos/TASK.npz.")] = None
 
     def run(self, line: str) -> None:
         from experiments import demos
@@ -154,7 +156,7 @@ class Sweep:
     demos: Demos = None
     out: Out = None
     set: Annotated[
-        tuple[str, ...], arg(name="set", metavar="NAME=A,B,C", help="What to sweep, and any other setting.")
+        tuple[str, ...], own_default(name="set", metavar="NAME=A,B,C", help="What to sweep, and any other setting.")
     ] = ()
 
     def run(self, line: str) -> None:
@@ -189,17 +191,21 @@ class Transfer:
     optimizer: Optimizer = "ppo"
     demos: Demos = None
     reward: Annotated[
-        Path | None, arg(metavar="DIR", help="Use this saved reward (a run's reward/ folder) instead of learning one.")
+        Path | None,
+        own_default(metavar="DIR", help="Use this saved reward (a run's reward/ folder) instead of learning one."),
     ] = None
-    out: Annotated[Path | None, arg(metavar="DIR", help="Where the rows' folders are made. Default: runs/.")] = None
+    out: Annotated[
+        Path | None, own_default(metavar="DIR", help="Where the rows' folders are made. Default: runs/.")
+    ] = None
     set: Set = ()
     retrain_set: Annotated[
-        tuple[str, ...], arg(metavar="NAME=VALUE", help="Like --set, for the policies that are trained on the reward.")
+        tuple[str, ...],
+        own_default(metavar="NAME=VALUE", help="Like --set, for the policies that are trained on the reward."),
     ] = ()
     restarts: Annotated[
         int | None,
-        arg(help="Policies trained in TARGET for each score; the best of them by the learned reward is kept. Default: "
-            "the task's own (mazes 4, walkers 1)."),
+        own_default(help="Policies trained in TARGET for each score; the best of them by the learned reward is kept. "
+                    "Default: the task's own (mazes 4, walkers 1)."),
     ] = None  # fmt: skip
 
     def run(self, line: str) -> None:
@@ -232,9 +238,9 @@ class Reproduce:
     quick: bool = False
     """A small version, in minutes and by the same code: two seeds, 20 iterations, pendulum and mazes."""
     seeds: Seeds = 5
-    task: Annotated[tuple[str, ...], arg(metavar="NAME", help="Only these (source) tasks.")] = ()
-    out: Annotated[Path | None, arg(metavar="DIR", help="Where the runs are. Default: runs/reproduce.")] = None
-    results: Annotated[Path | None, arg(metavar="DIR", help="Where the results are written. Default: "
+    task: Annotated[tuple[str, ...], own_default(metavar="NAME", help="Only these (source) tasks.")] = ()
+    out: Annotated[Path | None, own_default(metavar="DIR", help="Where the runs are. Default: runs/reproduce.")] = None
+    results: Annotated[Path | None, own_default(metavar="DIR", help="Where the results are written. Default: "
                                         "experiments/results; of --quick, where the runs are.")] = None  # fmt: skip
 
     def run(self, line: str) -> None:
@@ -247,9 +253,9 @@ class Reproduce:
 class Report:
     """Show what was reproduced: one web page of all results, the paper's beside them. It needs no network."""
 
-    results: Annotated[Path | None, arg(metavar="DIR", help="The results of `eairl reproduce`. Default: "
+    results: Annotated[Path | None, own_default(metavar="DIR", help="The results of `eairl reproduce`. Default: "
                                         "experiments/results.")] = None  # fmt: skip
-    out: Annotated[Path | None, arg(metavar="FILE", help="Where to write. Default: runs/report.html.")] = None
+    out: Annotated[Path | None, own_default(metavar="FILE", help="Where to write. Default: runs/report.html.")] = None
 
     def run(self, line: str) -> None:
         from experiments import report
@@ -275,7 +281,7 @@ class Evaluate:
     """Episodes a seed."""
     mean_action: bool = False
     """Take the policy's mean action instead of sampling."""
-    json: Annotated[Path | None, arg(metavar="FILE", help="Write every episode's return here as well.")] = None
+    json: Annotated[Path | None, own_default(metavar="FILE", help="Write every episode's return here as well.")] = None
 
     def run(self, line: str) -> None:
         from experiments import evaluate
@@ -291,8 +297,8 @@ class View:
     """
 
     run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a finished run.")]
-    seed: Annotated[int | None, arg(help="Whose policy. Default: the run's first.")] = None
-    out: Annotated[Path | None, arg(metavar="DIR", help="Where to write. Default: RUN/view.")] = None
+    seed: Annotated[int | None, own_default(help="Whose policy. Default: the run's first.")] = None
+    out: Annotated[Path | None, own_default(metavar="DIR", help="Where to write. Default: RUN/view.")] = None
 
     def run(self, line: str) -> None:
         from experiments import view
@@ -308,7 +314,7 @@ class Bench:
     method: Methods = ("eairl",)
     reward_form: Forms = ("default",)
     demos: Demos = None
-    json: Annotated[Path | None, arg(metavar="FILE", help="Write all figures here as well.")] = None
+    json: Annotated[Path | None, own_default(metavar="FILE", help="Write all figures here as well.")] = None
     iterations: int = 20
     """Iterations a measurement."""
     set: Set = ()

@@ -256,7 +256,7 @@ def test_tables_fit_80_columns(name, capsys):
 def test_the_help_names_every_method(command, capsys):
     assert run(command, "--help") == 0
     text = " ".join(re.sub("[│╭╮╰╯─]", " ", capsys.readouterr().out).split())
-    assert re.search("One or more of (.*?);", text)[1].split(", ") == list(names())
+    assert re.search(r"One or more of (.*?) \(to imitate\);", text)[1].split(", ") == list(names())
 
 
 def test_a_setting_of_one_of_the_methods_is_accepted():
