@@ -109,3 +109,9 @@ def test_default_is_the_methods_own_choice_and_a_given_one_wins(method):
 )
 def test_a_separable_reward_gets_a_learned_potential_beside_phi_unless_told_otherwise(changes, shaping):
     assert resolve(Config(reward_form="separable", **changes)).shaping == shaping
+
+
+def test_the_last_policy_is_not_cut_short():
+    assert Config(iterations=12, restart_every=4).restart_every == 4
+    with pytest.raises(InputError, match="iterations = 10 is not a multiple of restart_every = 4"):
+        Config(iterations=10, restart_every=4)
