@@ -122,11 +122,15 @@ class HParams:
     def at(self, progress: jax.Array) -> HParams:
         """The settings in force at `progress` in [0, 1] of the run: rates that are annealed, annealed."""
         progress = jax.numpy.clip(progress, 0.0, 1.0)
+
+        def annealed(value, end):
+            return value * (1.0 - progress * (1.0 - end))
+
         return self.replace(  # pyright: ignore
-            policy_lr=self.policy_lr * (1.0 - progress * (1.0 - self.policy_lr_end)),
-            entropy_weight=self.entropy_weight * (1.0 - progress * (1.0 - self.entropy_end)),
+            policy_lr=annealed(self.policy_lr, self.policy_lr_end),
+            entropy_weight=annealed(self.entropy_weight, self.entropy_end),
             std_end=self.std_end**progress,
-            temperature=self.temperature * (1.0 - progress * (1.0 - self.temperature_end)),
+            temperature=annealed(self.temperature, self.temperature_end),
         )
 
 

@@ -97,7 +97,7 @@ def _compared(text: str, claimed: str, ours: Scores, theirs: Scores, tasks: int)
     chance = probability_of_improvement(*zip(*both, strict=True))
     held = mine >= other - EQUAL if claimed == "as well" else chance.low > 0.5 and mine > other
     here = f"{mine:.2f} against {other:.2f}; better with probability {chance.value:.2f} "
-    return Claim(text, claimed, f"{here}[{chance.low:.2f}, {chance.high:.2f}]", _all([held], tasks - len(both) + 1))
+    return Claim(text, claimed, f"{here}[{chance.low:.2f}, {chance.high:.2f}]", _all([held] * len(both), tasks))
 
 
 def improvements(found: dict[str, list[dict]]) -> list[dict]:

@@ -47,7 +47,7 @@ def walk(key: Key, env: MjxTask, act: Callable[[jax.Array, Key], jax.Array], con
 
     def step(state, key):
         action = act(state.obs, key)
-        after = jax.vmap(env.step)(state, jnp.clip(action, -env.action_limit, env.action_limit))
+        after = jax.vmap(env.step)(state, action)  # which clips it
         return after, seen(Walk(state, action, after), env, config)
 
     _, walked = jax.lax.scan(step, start, jax.random.split(key, env.episode_length))
