@@ -92,7 +92,7 @@ class Config:
     discriminator_batch: int = 512
     """Samples of the expert in an update, and as many of the policy. Also behaviour cloning's."""
     penalties: tuple[str, ...] = ()
-    """Regularisers of the discriminator that are computed: "gradient", "action_variance"; weights in `HParams`."""
+    """Regularisers of the discriminator that are computed, of `PENALTIES`; their weights are in `HParams`."""
 
     # Empowerment
     empowerment_updates: int = 10
@@ -153,8 +153,10 @@ class Config:
         for name, options in CHOICES.items():
             choose(name, getattr(self, name), options)
         for penalty in self.penalties:
-            choose("penalty", penalty, ("gradient", "action_variance"))
+            choose("penalty", penalty, PENALTIES)
 
+
+PENALTIES = ("gradient", "action_variance", "input_sparsity")
 
 # What a method decides unless the configuration does.
 METHODS_OWN: dict[str, tuple[str, ...]] = {

@@ -117,6 +117,18 @@ def action_variance(params: PyTree, samples: Samples, config: Config) -> jax.Arr
     return jnp.var(reward(params, obs, actions, config), axis=0).mean()
 
 
+def input_sparsity(params: PyTree, samples: Samples, config: Config) -> jax.Array:
+    """`sum_i sqrt(E (d r / d obs_i)^2)`, a group lasso over the observation's entries, `[]`.
+
+    A discriminator tells the expert by all that is at hand; what a reward can do without should not be in it. The
+    slopes are the function's own, not the first layer's weights, so later layers cannot make up for smaller ones.
+    Entries count in the units in which the reward sees them (`Config.normalize_obs`).
+    """
+    obs, action = (x.reshape(-1, x.shape[-1]) for x in (samples.obs, samples.action))
+    slope = jax.vmap(jax.grad(lambda obs, action: reward(params, obs, action, config)))(obs, action)
+    return jnp.sqrt(jnp.mean(slope**2, axis=0) + 1e-8).sum()  # the root's derivative at 0 is infinite
+
+
 def loss(params: PyTree, expert: Samples, policy: Samples, hparams: HParams, config: Config):
     """Binary cross-entropy, the expert labelled 1 (Eq. 10, its signs mended), and its metrics.
 
@@ -139,6 +151,8 @@ def loss(params: PyTree, expert: Samples, policy: Samples, hparams: HParams, con
         total += hparams.gradient_penalty * gradient_penalty(params, expert, policy, config)
     if "action_variance" in config.penalties:
         total += hparams.action_variance * action_variance(params, both, config)
+    if "input_sparsity" in config.penalties:
+        total += hparams.input_sparsity * input_sparsity(params, both, config)
     return total, metrics
 
 

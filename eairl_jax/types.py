@@ -95,6 +95,7 @@ class HParams:
       beta: temperature of the empowerment (Eq. 6, 7).
       gradient_penalty: weight of `discriminator.gradient_penalty`; counts if `Config.penalties` names it.
       action_variance: weight of `discriminator.action_variance`; counts if `Config.penalties` names it.
+      input_sparsity: weight of `discriminator.input_sparsity`; counts if `Config.penalties` names it.
       discriminator_lr, inverse_lr, phi_lr: Adam's rates for D (the reward), q(a|s,s') and Phi(s).
     """
 
@@ -115,6 +116,7 @@ class HParams:
     beta: float | jax.Array = 1.0
     gradient_penalty: float | jax.Array = 0.0
     action_variance: float | jax.Array = 0.0
+    input_sparsity: float | jax.Array = 0.0
     discriminator_lr: float | jax.Array = 1e-3
     inverse_lr: float | jax.Array = 1e-3
     phi_lr: float | jax.Array = 1e-3

@@ -11,7 +11,7 @@ EMPOWERMENT = {"lambda_i", "beta", "phi_lr", "inverse_lr", "empowerment_updates"
                "phi_sync_interval", "l_i_power", "l_i_actions", "l_i_in", "scoring_phi"}  # fmt: skip
 ADVERSARY = {"discriminator_lr", "history", "history_length", "restart_every", "shaping", "shaping_discount",
              "reward_form", "reward_obs", "action_part", "judges", "update_order", "gradient_penalty",
-             "action_variance", "hidden"}  # fmt: skip
+             "action_variance", "input_sparsity", "hidden"}  # fmt: skip
 TRPO = {"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"}
 PPO = {"clip_eps", "max_grad_norm"}
 SOFT = {"temperature", "temperature_end"}  # of a reward that is given

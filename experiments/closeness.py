@@ -1,7 +1,7 @@
 """How close a learned reward is to the true one: EPIC distance (Gleave et al. 2021) and rank correlation.
 
-Diagnostics beside the score, never a criterion: nothing is chosen by them. Both rewards are compared as functions of
-state and action; what a learned r(s,a) holds of a shaping, s' being where a leads, counts as distance.
+Diagnostics beside the score: no rule chooses by them, and of a target nobody may. Both rewards are compared as
+functions of state and action; what a learned r(s,a) holds of a shaping, s' being where a leads, counts as distance.
 """
 
 from __future__ import annotations

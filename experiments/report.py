@@ -56,7 +56,7 @@ def page(found: dict[str, list[dict]], folder: Path) -> str:
         imitation_curves=_curves("imitation: true return while learning", found["table2"]),
         transfer_curves=_curves("transfer: true return in the target, training on the learned reward",
                                 [row for row in transfers if row["rule"] == "last"]),
-        ablations=ablation_figure(found),
+        ablations=ablation_figures(found),
         closeness=closeness_table(transfers),
         worth=worth_table(transfers),
         closeness_figure=closeness_figure(transfers),
@@ -113,27 +113,27 @@ def _curves(title: str, rows: list[dict]) -> str:
     return _svg(curve_figure(title, curves, columns=2)) if curves else ""
 
 
-def ablation_figure(found: dict[str, list[dict]]) -> str:
-    """A dot a seed for EAIRL and each change of it, both reward forms."""
-    rows = found["ablations"]
-    pairs = {(row["task"], row["target"]) for row in rows}
-    base = [row for row in found["table1"] if (row["task"], row["target"]) in pairs and row["rule"] == "last"
-            and row["row"] in ("eairl-sa", "eairl-separable", "airl_s-s")]  # fmt: skip
-    rows = [*base, *rows]
-    if not pairs or not base:
-        return ""
-    rows.sort(key=lambda row: (row["row"].split("+")[0], row["row"]))
-    figure, axes = figure_of(1, 1, (8.5, 0.32 * len(rows) + 1), "")
-    axis = axes[0, 0]
-    for place, row in enumerate(reversed(rows)):
-        own, color = results.normalized(row), results.color(row["row"])
-        axis.plot(own, [place] * len(own), "o", color=color, alpha=0.5, mec="none")
-        axis.plot([own.mean()] * 2, [place - 0.3, place + 0.3], color=color, lw=2)
-    _lay_out(axis, [results.name(row["row"]) for row in rows])
-    axis.tick_params(axis="y", labelsize=8)
-    (task, target), *_ = pairs
-    axis.set_xlabel(f"{task} to {target}: normalised true return, a dot a seed, their mean")
-    return _svg(figure)
+def ablation_figures(found: dict[str, list[dict]]) -> list[str]:
+    """For each transfer a dot a seed for EAIRL and each change of it, beside the rows that were changed."""
+    drawn = []
+    for (task, target), ablated in results.by_task(found["ablations"]).items():
+        beside = {row["row"].split("+")[0] for row in ablated} | {"airl_s-s"}
+        base = [row for row in found["table1"] if (row["task"], row["target"], row["rule"]) == (task, target, "last")
+                and row["row"] in beside]  # fmt: skip
+        if not base:
+            continue
+        rows = sorted([*base, *ablated], key=lambda row: (row["row"].split("+")[0], row["row"]))
+        figure, axes = figure_of(1, 1, (8.5, 0.32 * len(rows) + 1), "")
+        axis = axes[0, 0]
+        for place, row in enumerate(reversed(rows)):
+            own, color = results.normalized(row), results.color(row["row"])
+            axis.plot(own, [place] * len(own), "o", color=color, alpha=0.5, mec="none")
+            axis.plot([own.mean()] * 2, [place - 0.3, place + 0.3], color=color, lw=2)
+        _lay_out(axis, [results.name(row["row"]) for row in rows])
+        axis.tick_params(axis="y", labelsize=8)
+        axis.set_xlabel(f"{task} to {target}: normalised true return, a dot a seed, their mean")
+        drawn.append(_svg(figure))
+    return drawn
 
 
 def closeness_table(rows: list[dict]) -> list[dict]:

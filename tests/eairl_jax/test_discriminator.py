@@ -198,7 +198,44 @@ def test_action_variance_is_over_actions_of_other_samples_at_one_state(made, sam
     assert (expected == 0) == (form == "s")
 
 
-@pytest.mark.parametrize(("name", "weight"), [("gradient", "gradient_penalty"), ("action_variance", "action_variance")])
+@pytest.mark.parametrize("form", FORMS)
+def test_input_sparsity_is_the_sum_of_each_observations_slope(made, samples, numpy_reward, form):
+    config, params = made(**FORMS[form])
+    x, eps = samples(1, 2), 1e-6
+    obs, action = (np.asarray(part, np.float64) for part in (x.obs, x.action))
+    slope = [
+        (numpy_reward(params, obs + step, action) - numpy_reward(params, obs - step, action)) / (2 * eps)
+        for step in eps * np.eye(4)
+    ]
+    expected = sum(np.sqrt((own**2).mean()) for own in slope)
+    np.testing.assert_allclose(discriminator.input_sparsity(params, x, config), expected, rtol=1e-3)
+    assert expected > 0.1
+
+
+def test_input_sparsity_leaves_a_reward_the_inputs_that_tell_the_expert(made, samples):
+    """Of two entries that differ, one by much, the reward keeps that one; without the penalty it uses both."""
+
+    def shifted(seed, by):
+        x = jax.tree.map(lambda *parts: jnp.concatenate(parts), *(samples(seed + more) for more in range(0, 40, 2)))
+        return x._replace(obs=x.obs + jnp.asarray(by), log_prob=jnp.zeros_like(x.log_prob))
+
+    expert, policy = shifted(1, [2.0, 0.5, 0.0, 0.0]), shifted(2, [0.0] * 4)
+    minibatches = jax.tree.map(lambda x: jnp.repeat(x[None], 400, axis=0), (expert, policy))
+    shares = {}
+    for weight, penalties in ((0.0, ()), (0.1, ("input_sparsity",))):
+        config, params = made(reward_form="s", shaping="none", penalties=penalties)
+        hparams = HParams(discriminator_lr=1e-2, input_sparsity=weight)
+        fitted, _ = discriminator.fit(optimize.start(params), *minibatches, hparams, config)
+        slope = jax.vmap(jax.grad(lambda o: discriminator.reward(fitted.params, o, jnp.zeros(2), config)))  # noqa: B023
+        sizes = jnp.sqrt(jnp.mean(slope(policy.obs.reshape(-1, 4)) ** 2, axis=0))
+        shares[weight] = float(sizes[0] / sizes.sum())
+    assert shares[0.1] > 0.9 > 0.7 > shares[0.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "weight"),
+    [("gradient", "gradient_penalty"), ("action_variance", "action_variance"), ("input_sparsity", "input_sparsity")],
+)
 def test_a_penalty_counts_by_its_weight_if_it_is_named(made, samples, name, weight):
     expert, policy, hparams = samples(1), samples(2), HPARAMS.replace(**{weight: 0.7})
     (plain, params), (config, _) = made(), made(penalties=(name,))
@@ -207,7 +244,7 @@ def test_a_penalty_counts_by_its_weight_if_it_is_named(made, samples, name, weig
     if name == "gradient":
         penalty = discriminator.gradient_penalty(params, expert, policy, config)
     else:
-        penalty = discriminator.action_variance(params, both, config)
+        penalty = getattr(discriminator, name)(params, both, config)
     np.testing.assert_allclose(with_it[0] - without[0], 0.7 * penalty, rtol=1e-4)
     assert penalty > 0.01
     jax.tree.map(np.testing.assert_array_equal, with_it[1], without[1])  # the metric is the cross-entropy alone
