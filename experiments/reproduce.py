@@ -31,6 +31,7 @@ class Entry:
     Attributes:
       target: the task itself asks for a fresh policy on the learned reward where it was learned.
       settings: `name=value` that differ from the recipe.
+      retrain: those of the recipe by which the reward is put to use.
       tuned: with our settings in place of the paper's.
     """
 
@@ -41,18 +42,19 @@ class Entry:
     rule: str = "last"
     settings: tuple[str, ...] = ()
     tuned: bool = False
+    retrain: tuple[str, ...] = ()
 
     @property
     def variant(self) -> str:
-        """What tells its row from others of the method and form."""
+        """What tells its learning from others of the method and form."""
         return "+".join([*self.settings, *(["tuned"] if self.tuned else [])])
 
     @property
     def row(self) -> str:
-        """The name of its row, `Job.row`."""
+        """The name of its row, `transfer.row_of`."""
         form = METHODS[self.method].reward_form if self.method in METHODS else ""
         own = f"{self.method}-{self.form.replace('default', form)}" if form else self.method
-        return f"{own}+{self.variant}" if self.variant else own
+        return "+".join([own, *filter(None, (self.variant, retrain_variant(self.retrain)))])
 
     @property
     def identity(self) -> tuple:
@@ -63,6 +65,11 @@ class Entry:
     def purpose(self) -> str:
         """Which recipe the method is trained by."""
         return "reward" if self.target else "imitate"
+
+
+def retrain_variant(retrain: tuple[str, ...]) -> str:
+    """What tells a retraining from the recipe's."""
+    return "+".join(f"retrain_{setting}" for setting in retrain)
 
 
 MAZES = (("point_maze_left", "point_maze_right"), ("point_maze_right", "point_maze_left"))
@@ -107,6 +114,7 @@ def _ablated(pair: tuple[str, str]) -> list[Entry]:
 # and the potentials that mattered in the maze.
 SPARSITY = (("gradient_penalty=0.1", "input_sparsity=0"), ("input_sparsity=0.03",), ("shaping=none",),
             ("shaping=empowerment",))  # fmt: skip
+LONG = ("iterations=1600",)  # 10M steps of retraining: what the protocol wants, more than every row could have
 
 
 # Cheapest first.
@@ -123,7 +131,8 @@ EXPERIMENTS: dict[str, list[Entry]] = {
         *(Entry("ant", method, tuned=True) for method in ("eairl", "gail", "airl_sa", "airl_s")),
     ],
     "ablations": [*_ablated(MAZES[0]),
-                  *(Entry(ANTS[0], "eairl", "separable", ANTS[1], settings=settings) for settings in SPARSITY)],
+                  *(Entry(ANTS[0], "eairl", "separable", ANTS[1], settings=settings) for settings in SPARSITY),
+                  Entry(ANTS[0], "eairl", "separable", ANTS[1], retrain=LONG)],
 }  # fmt: skip
 # What is drawn of an experiment's results.
 FIGURES = {"figure2": "table1", "appendix-c": "table1"}
@@ -148,11 +157,11 @@ def command(name: str, quick: bool, seeds: int, tasks: tuple[str, ...], out: Pat
     for experiment, entries in plan.items():
         refuse_other_seeds(folder / f"{experiment}.json", entries, list(range(FIRST_SEED, FIRST_SEED + seeds)))
     jobs = {entry: prepare(entry, seeds, quick) for entries in plan.values() for entry in entries}
-    targets = {task: as_target(task, make_env(task), short(quick)) for task in
-               {name for entry in jobs if entry.target for name in (entry.task, entry.target)}}  # fmt: skip
+    used = {(task, entry.retrain) for entry in jobs if entry.target for task in (entry.task, entry.target)}
+    places = {where: as_place(*where, quick) for where in used}
     for experiment, entries in plan.items():
         for entry in entries:
-            row = train(entry, jobs[entry], targets, out, line)
+            row = train(entry, jobs[entry], places, out, line)
             results.add(folder / f"{experiment}.json", row | {"machine": machine()})
         show(experiment, results.load(folder / f"{experiment}.json"), tasks)
         say(f"every seed, setting and budget: {folder}/{experiment}.json")
@@ -189,15 +198,24 @@ def prepare(entry: Entry, seeds: int, quick: bool) -> Job:
     return dataclasses.replace(job, variant=entry.variant)
 
 
-def train(entry: Entry, job: Job, targets: dict[str, Target], out: Path, line: str) -> dict:
+Places = dict[tuple[str, tuple[str, ...]], Target]  # by task and settings of retraining
+
+
+def as_place(task: str, retrain: tuple[str, ...], quick: bool) -> Target:
+    """A task in which rewards are put to use, by the recipe but for some settings."""
+    place = as_target(task, make_env(task), (*retrain, *short(quick)))
+    return dataclasses.replace(place, variant=retrain_variant(retrain))
+
+
+def train(entry: Entry, job: Job, places: Places, out: Path, line: str) -> dict:
     """Trains an entry, or goes on with it; returns its row of the results."""
-    own = {"row": job.row, "is_published": job.is_published, "settings": job.settings()}
+    own = {"row": entry.row, "is_published": job.is_published, "settings": job.settings()}
     if entry.target is None:
         where = out / f"imitate-{job.task}-{job.row}"
         summary = imitate.imitate(job, where, line)
         curves, steps = Folder(where, job.settings()).curve("true_return", len(job.seeds)), job.recipe.config
     else:
-        source, target = targets[entry.task], targets[entry.target]
+        source, target = (places[task, entry.retrain] for task in (entry.task, entry.target))
         rule = Rule.parse(entry.rule, job.recipe, source.recipe)
         summary = transfer.transfer(job, rule, source, target, out, line)
         folder = transfer.folder_of(job, rule, target, out)

@@ -29,6 +29,8 @@ class Target:
     env: MjxTask
     recipe: Recipe
     reference: Reference
+    variant: str = ""
+    """Tells the row from one of the same reward, retrained by another recipe."""
 
 
 def as_target(task: str, env: MjxTask, assignments: tuple[str, ...], restarts: int | None = None) -> Target:

@@ -30,7 +30,8 @@ def transfer(job: Job, rule: Rule, source: Target, target: Target, out: Path, co
     summary = folder.summary()
     if summary is None:
         learned = learn(learning, job)
-        more = {"row": job.row, "is_published": job.is_published, "rule": str(rule)} | learned
+        published = job.is_published and not target.variant
+        more = {"row": row_of(job, target), "is_published": published, "rule": str(rule)} | learned
         if rule.kind == "policy":
             summary = move_policy(folder, learning, job, target, command, more)
         else:
@@ -38,8 +39,8 @@ def transfer(job: Job, rule: Rule, source: Target, target: Target, out: Path, co
             save_reward(folder.path / "reward", reward)
             curves = imitate.imitation_curves(learning, job)[:3]
             more |= seen
-            summary = reuse(folder, reward, target, job.seeds, command, job.row, curves, learning.seconds(), more)
-    say(f"{job.row}, {rule}: in {folder.path}/; the reward was learned in {learning.path}/")
+            summary = reuse(folder, reward, target, job.seeds, command, more["row"], curves, learning.seconds(), more)
+    say(f"{row_of(job, target)}, {rule}: in {folder.path}/; the reward was learned in {learning.path}/")
     imitate.warn_if_saturated(learning, job)
     return summary
 
@@ -52,7 +53,12 @@ def learning_of(job: Job, out: Path) -> Folder:
 def folder_of(job: Job, rule: Rule, target: Target, out: Path) -> Folder:
     """Where a reward is put to use."""
     settings = job.settings() | target_settings(target) | {"rule": dataclasses.asdict(rule)}
-    return Folder(use_path(out, job.task, target.task, job.row, str(rule)), settings)
+    return Folder(use_path(out, job.task, target.task, row_of(job, target), str(rule)), settings)
+
+
+def row_of(job: Job, target: Target) -> str:
+    """The name of the row: the job's, and how retraining differs from the recipe."""
+    return f"{job.row}+{target.variant}" if target.variant else job.row
 
 
 def learning_path(out: Path, task: str, row: str, settings: dict) -> Path:

@@ -17,7 +17,7 @@ from experiments.folder import digest
 from experiments.imitate import prepare
 from experiments.reproduce import Entry
 from experiments.rules import Rule
-from experiments.settings import recipe
+from experiments.settings import parse_overrides, recipe
 from experiments.summary import Row, print_table
 
 
@@ -529,9 +529,10 @@ def test_every_entry_is_checked_before_anything_is_trained():
             key = dataclasses.replace(entry, rule="last", target=entry.target and "any")
             job = seen.setdefault(key, None) or reproduce.prepare(entry, 5, quick=False)
             seen[key] = job
-            assert job.row == entry.row
+            assert entry.row == "+".join(filter(None, (job.row, reproduce.retrain_variant(entry.retrain))))
             if entry.target:
-                Rule.parse(entry.rule, job.recipe, recipe(entry.task, job.env, "retrain", {}))
+                overrides = parse_overrides(entry.retrain)
+                Rule.parse(entry.rule, job.recipe, recipe(entry.task, job.env, "retrain", overrides))
 
 
 @pytest.mark.slow
@@ -539,7 +540,8 @@ def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys):
     pair = ("point_maze_left", "point_maze_right")
     eairl = [Entry(pair[0], "eairl", "default", pair[1], rule) for rule in ("last", "policy", "random")]
     changed = Entry(pair[0], "eairl", "default", pair[1], settings=("lambda_i=0",))
-    monkeypatch.setattr(reproduce, "EXPERIMENTS", {"table1": eairl, "table2": [], "ablations": [changed]})
+    retrained = Entry(pair[0], "eairl", "default", pair[1], retrain=("entropy_weight=1",))
+    monkeypatch.setattr(reproduce, "EXPERIMENTS", {"table1": eairl, "table2": [], "ablations": [changed, retrained]})
     monkeypatch.setattr(reproduce, "short", lambda quick: tiny[:2] + tiny[-2:])
     monkeypatch.setattr("experiments.closeness.TRANSITIONS", 16)
     assert run("reproduce", "all", "--quick", "--out", tmp_path) == 0
@@ -562,9 +564,15 @@ def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys):
     np.testing.assert_allclose(policy["returns"], last["imitation_returns"], rtol=0.2)
     assert (tmp_path / "figure2.png").stat().st_size > 10_000
     assert (tmp_path / "appendix-c-point_maze_left.png").stat().st_size > 10_000
-    changed_row = json.loads((tmp_path / "ablations.json").read_text())["rows"][0]
+    changed_row, retrained_row = json.loads((tmp_path / "ablations.json").read_text())["rows"]
     assert changed_row["row"] == "eairl-sa+lambda_i=0"
-    assert not changed_row["is_published"]
+    assert [r["is_published"] for r in (last, changed_row, retrained_row)] == [True, False, False]
+    # Retrained by other settings, on the reward that the table's row learned.
+    assert retrained_row["row"] == "eairl-sa+retrain_entropy_weight=1"
+    assert retrained_row["retrain_settings"]["retrain_hparams"]["entropy_weight"] == 1
+    assert retrained_row["imitation_returns"] == last["imitation_returns"]
+    assert retrained_row["returns"] != last["returns"]
+    assert len(list(tmp_path.glob("learn-*"))) == 2
     page = tmp_path / "report.html"
     assert run("report", "--results", tmp_path, "--out", page) == 0
     text = page.read_text()
