@@ -59,8 +59,12 @@ def claims(found: dict[str, list[dict]]) -> list[Claim]:
                                ("AIRL(s)", "airl_s-s", "better"), ("GAN-GCL", "gan_gcl-sa", "better")):  # fmt: skip
         text = f"EAIRL imitates {'as well as' if claimed == 'as well' else 'better than'} {name}"
         said.append(_compared(text, claimed, eairl, scores(imitated, row), planned(row)))
-    for place, source, aim, theirs in (("the other maze", "point_maze", 0.9, "-7.01 of -4.98"),
-                                       ("the crippled ant", "ant", 0.81, "0.81 of the expert")):  # fmt: skip
+    in_every_maze = [("0.9 of the expert in every seed", np.min, 0.9)]
+    crippled = [("0.81 of the expert as the paper's EAIRL", np.mean, 0.81), ("0.95 in every seed", np.min, 0.95)]
+    for place, source, aim, theirs, ours in (
+        ("the other maze", "point_maze", 0.9, "-7.01 of -4.98", in_every_maze),
+        ("the crippled ant", "ant", 0.81, "0.81 of the expert", crippled),
+    ):
         rows = [row for row in results.moved(moved) if row["task"].startswith(source)]
         own, separable = (scores(rows, row, "last") for row in ("eairl-sa", "eairl-separable"))
         tasks = planned("eairl-sa", "last", source)
@@ -69,8 +73,10 @@ def claims(found: dict[str, list[dict]]) -> list[Claim]:
         for name, row in (("AIRL(s)", "airl_s-s"), ("AIRL(s,a)", "airl_sa-sa")):
             other = scores(rows, row, "last")
             said.append(_compared(f"There it is better than {name}'s ({place})", "better", own, other, tasks))
-        said.append(Claim(f"Ours: a separable reward transfers to {place}", "", _list(separable),
-                          _all([s.min() >= 0.9 for s in separable.values()], tasks)))  # fmt: skip
+        for level, of_seeds, least in ours:
+            held = [of_seeds(s) >= least for s in separable.values()]
+            said.append(Claim(f"Ours: a separable reward transfers to {place}, {level}", "", _list(separable),
+                              _all(held, tasks)))  # fmt: skip
     mazes = [row for row in results.moved(moved) if row["task"].startswith("point_maze")]
     full = scores(mazes, "eairl-sa", "last")
     said.append(_compared("Empowerment's Phi is what makes it transfer (against Phi = 0)", "better",
