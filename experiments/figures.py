@@ -29,16 +29,16 @@ def figure2(rows: list[dict], out: Path, folder: Path, tasks: tuple[str, ...]) -
 
 
 def learning_curves(rows: list[dict], tasks: tuple[str, ...] = ()) -> list[Curve]:
-    """A panel for each task or pair of tasks, a line for each row of the results."""
-    curves = []
-    for row in rows:
+    """A panel for each task or pair of tasks, a line for each row of the results; a variant's is dashed."""
+    curves, order = [], results.in_order(rows)
+    for row in sorted(rows, key=lambda row: order.index(row["row"])):
         if "curve" not in row or (tasks and row["task"] not in tasks):
             continue
         panel = f"{row['task']} to {row['target']}" if row["target"] else row["task"]
         values = np.array(row["curve"]["true_return"], float)  # None becomes NaN
         level = ("expert", row["expert"])
         curves.append(Curve(panel, results.name(row["row"]), values, row["curve"]["env_steps"][0], level,
-                            results.color(row["row"])))  # fmt: skip
+                            results.color(row["row"]), "--" if "+" in row["row"] else "-"))  # fmt: skip
     return curves
 
 
@@ -96,7 +96,8 @@ def gaits(folder: Path, task: str, target: str, rows: list[dict], out: Path) -> 
     """
     shown = next((row for row in rows if row["row"] == SHOWN), rows[-1])
     figure, axes = figure_of(1, 2, (4.6, 3.6), f"ways of the torso from above, m; {results.name(shown['row'])}")
-    for axis, name, run in zip(axes[0], (task, target), _runs(shown, out), strict=True):
+    titles = f"{task}: policies that learned the rewards", f"{target}: policies trained on them"
+    for axis, name, title, run in zip(axes[0], (task, target), titles, _runs(shown, out), strict=True):
         found = policies.load(run)
         ways, _ = episodes(found)
         problem = frames.draw(found.env, ways[0], folder / f"appendix-c-{name}.png", run / "episode.gif")
@@ -104,8 +105,9 @@ def gaits(folder: Path, task: str, target: str, rows: list[dict], out: Path) -> 
             say(f"no frames of {name}: this machine cannot draw with OpenGL ({problem})")
         for seed, way in zip(found.seeds, ways, strict=True):
             axis.plot(way[:, 0], way[:, 1], label=f"seed {seed}")
-        axis.set(title=name, aspect="equal")
-        axis.legend(frameon=False, fontsize=8)
+        axis.set_title(title, fontsize=10)
+        axis.set_aspect("equal")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
     figure.savefig(folder / f"appendix-c-{task}-ways.png", dpi=110)
     say(f"{folder}/appendix-c-{task}-ways.png, appendix-c-{task}.png and appendix-c-{target}.png")
 

@@ -80,7 +80,7 @@ def overview(found: dict[str, list[dict]]) -> str:
         return ""
     figure, axes = figure_of(1, len(panels), (4.6, 3.4), "")
     for axis, (title, rows, rule, table) in zip(axes[0], panels, strict=True):
-        names = [name for name in dict.fromkeys(row["row"] for row in rows) if scores(rows, name, rule)]
+        names = [name for name in results.in_order(rows) if scores(rows, name, rule)]
         for place, name in enumerate(reversed(names)):
             own = scores(rows, name, rule)
             each = interquartile_mean(list(own.values()))
@@ -122,7 +122,8 @@ def ablation_figures(found: dict[str, list[dict]]) -> list[str]:
                 and row["row"] in beside]  # fmt: skip
         if not base:
             continue
-        rows = sorted([*base, *ablated], key=lambda row: (row["row"].split("+")[0], row["row"]))
+        order = results.in_order([*base, *ablated])
+        rows = sorted([*base, *ablated], key=lambda row: order.index(row["row"]))
         figure, axes = figure_of(1, 1, (8.5, 0.32 * len(rows) + 1), "")
         axis = axes[0, 0]
         for place, row in enumerate(reversed(rows)):

@@ -50,6 +50,13 @@ def name(row: str) -> str:
     return ", ".join([NAMES.get(own, own), *variant])
 
 
+def in_order(rows: list[dict]) -> list[str]:
+    """The names of rows as they are listed everywhere, whichever was trained first; variants follow what they vary."""
+    place = {own: number for number, own in enumerate(NAMES)}
+    names = dict.fromkeys(row["row"] for row in rows)
+    return sorted(names, key=lambda row: (place.get(row.split("+")[0], len(place)), row))
+
+
 def color(row: str) -> str:
     """The colour of a row and of its variants."""
     return COLORS.get(row.split("+")[0], "black")
@@ -127,7 +134,7 @@ def tables(rows: list[dict], table: dict) -> list[Table]:
 
 def _imitation(rows: list[dict], table: dict) -> Table:
     own = {(row["row"], row["task"]): row for row in rows}
-    tasks, names = (list(dict.fromkeys(row[key] for row in rows)) for key in ("task", "row"))
+    tasks, names = list(dict.fromkeys(row["task"] for row in rows)), in_order(rows)
     first = [next(row for row in rows if row["task"] == task) for task in tasks]
     return Table("imitation", tasks, [
         ("expert", [_expert(row, table) for row in first]),
@@ -142,7 +149,7 @@ def _transfer(rows: list[dict], everything: list[dict], table: dict) -> Table:
     columns = [rule for rule in (*RULES, HOME) if any(rule == used for _, used in own)]
     best = Reference(first["expert"], first["random"]).normalized(float(np.mean(first["ceiling"])))
     lines = [("expert", [_expert(first, table)]), ("ceiling", [Cell(_show(first["ceiling"]), best)])]
-    for each in dict.fromkeys(row["row"] for row in rows if row["rule"] in RULES):
+    for each in in_order([row for row in rows if row["rule"] in RULES]):
         cells = [cell(own.get((each, rule)), table if rule == "last" else {}) for rule in columns]
         learned = next(row for row in rows if row["row"] == each)["imitation_returns"]
         lines.append((name(each), [*cells, Cell(_show(learned))]))

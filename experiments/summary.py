@@ -29,6 +29,7 @@ class Curve:
     """A horizontal line to compare with: its name and height."""
     color: str = ""
     """The panel's next one, unless told."""
+    style: str = "-"
 
 
 def summarize(command: str, task: str, target: str | None, method: str, seeds: Sequence[int], returns: np.ndarray,
@@ -117,7 +118,7 @@ def curve_figure(title: str, curves: list[Curve], columns: int = 4):
             values = np.ma.masked_invalid(curve.values)  # no episode may have ended yet
             steps = (1 + np.arange(values.shape[1])) * curve.steps_per_iteration
             color = curve.color or f"C{number}"
-            axis.plot(steps, values.mean(axis=0), color=color, label=curve.label)
+            axis.plot(steps, values.mean(axis=0), color=color, ls=curve.style, label=curve.label)
             axis.fill_between(steps, values.min(axis=0), values.max(axis=0), color=color, alpha=0.2, lw=0)
         for name, height in dict.fromkeys(curve.level for curve in drawn if curve.level):
             axis.axhline(height, color="black", lw=0.8, ls="--")

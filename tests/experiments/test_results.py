@@ -59,8 +59,8 @@ def test_the_table_of_imitations():
         "| imitation | ant | paper | pendulum | paper |",
         "| --- | --- | --- | --- | --- |",
         "| expert | 10.00 (1.00) | 935.12 ± 10.94 (1.00) | 10.00 (1.00) | -100.11 ± 1.32 (1.00) |",
-        "| GAIL | 9.00 ± 1.00 (0.90) | 738.72 ± 9.49 (0.79) | 5.00 ± 0.00 (0.50) | -116.01 ± 5.45 (1.16) |",
         "| behaviour cloning | 2.00 ± 0.00 (0.20) |  |  |  |",
+        "| GAIL | 9.00 ± 1.00 (0.90) | 738.72 ± 9.49 (0.79) | 5.00 ± 0.00 (0.50) | -116.01 ± 5.45 (1.16) |",
         "| random actions | 0.00 (0.00) |  | 0.00 (0.00) |  |",
     ]
 
@@ -84,3 +84,10 @@ def test_the_readme_shows_the_results(monkeypatch):
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert readme.updated(text) == text, "run `python -m experiments.readme`"
     assert "<!-- table1 -->" in text
+
+
+def test_rows_are_listed_as_the_paper_lists_them_whichever_was_trained_first():
+    trained = ["new", "eairl-sa+tuned", "eairl-separable", "airl_s-s", "bc", "eairl-sa", "airl_s-s"]
+    assert results.in_order([{"row": row} for row in trained]) == [
+        "bc", "airl_s-s", "eairl-sa", "eairl-sa+tuned", "eairl-separable", "new",
+    ]  # fmt: skip
