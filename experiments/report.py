@@ -96,6 +96,9 @@ def overview(found: dict[str, list[dict]]) -> str:
         _lay_out(axis, [results.name(name) + (f", {count} of {tasks} tasks" if count < tasks else "")
                         for name, count in zip(names, run, strict=True)])  # fmt: skip
         axis.set_title(f"{title}, {tasks} task{'s' * (tasks > 1)}", fontsize=10)
+        if rule:
+            ceilings = {(row["task"], row["target"]): results.ceiling(row) for row in rows}
+            axis.axvline(float(np.mean(list(ceilings.values()))), color="gray", lw=1, ls=":")
         axis.set_xlabel("0 random actions, 1 expert; ◇ the paper")
     return _svg(figure)
 

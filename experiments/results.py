@@ -80,6 +80,11 @@ def normalized(row: dict) -> np.ndarray:
     return (np.array(row["returns"]) - row["random"]) / (row["expert"] - row["random"])
 
 
+def ceiling(row: dict) -> float:
+    """The normalised score of the true reward, retrained under the budget of a row of transfer."""
+    return Reference(row["expert"], row["random"]).normalized(float(np.mean(row["ceiling"])))
+
+
 def picked_on_the_target(rows: list[dict]) -> dict | None:
     """The row that the release's protocol takes: the iteration of EAIRL's reward that scores best *in the target*."""
     tried = [row for row in rows if row["row"] == "eairl-sa" and row["rule"].startswith(("iteration=", "last"))]
@@ -147,7 +152,7 @@ def _transfer(rows: list[dict], everything: list[dict], table: dict) -> Table:
     first, own = rows[0], {(row["row"], row["rule"]): row for row in rows}
     own |= {(row["row"], HOME): row for row in everything if row["task"] == row["target"] == first["task"]}
     columns = [rule for rule in (*RULES, HOME) if any(rule == used for _, used in own)]
-    best = Reference(first["expert"], first["random"]).normalized(float(np.mean(first["ceiling"])))
+    best = ceiling(first)
     lines = [("expert", [_expert(first, table)]), ("ceiling", [Cell(_show(first["ceiling"]), best)])]
     for each in in_order([row for row in rows if row["rule"] in RULES]):
         cells = [cell(own.get((each, rule)), table if rule == "last" else {}) for rule in columns]
