@@ -60,7 +60,7 @@ def claims(found: dict[str, list[dict]]) -> list[Claim]:
         text = f"EAIRL imitates {'as well as' if claimed == 'as well' else 'better than'} {name}"
         said.append(_compared(text, claimed, eairl, scores(imitated, row), planned(row)))
     in_every_maze = [("0.9 of the expert in every seed", np.min, 0.9)]
-    crippled = [("0.81 of the expert, as the paper's EAIRL", np.mean, 0.81), ("0.95 in every seed", np.min, 0.95)]
+    crippled = [("0.81 of the expert, as the paper's EAIRL", np.mean, 0.81), ("0.95 of it in every seed", np.min, 0.95)]
     for place, source, aim, theirs, ours in (
         ("the other maze", "point_maze", 0.9, "-7.01 of -4.98", in_every_maze),
         ("the crippled ant", "ant", 0.81, "0.81 of the expert", crippled),

@@ -227,8 +227,8 @@ class Transfer:
 class Reproduce:
     """Train the paper's tables and figures, or go on with them: runs that are in --out already are kept.
 
-    20 demonstrations, the last iteration's reward (and `source_retrain`), no selection on a target task, seeds that no
-    setting was found with. Results are written after every row.
+    20 demonstrations, the last iteration's reward (and `source_retrain`), no selection on a target task, seeds by which
+    no setting was chosen. Results are written after every row.
     """
 
     name: Annotated[
