@@ -210,7 +210,7 @@ def parse_overrides(assignments: tuple[str, ...]) -> dict[str, Any]:
 
 def _parse(name: str, text: str, default: Any) -> Any:
     if name == "penalties":
-        raise InputError("penalties follows from the weights: --set gradient_penalty, action_variance, input_sparsity")
+        raise InputError("penalties follows from the weights: --set gradient_penalty=1, action_variance=1, ...")
     try:
         if isinstance(default, bool):
             return {"true": True, "false": False}[text.lower()]
