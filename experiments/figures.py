@@ -30,8 +30,8 @@ def figure2(rows: list[dict], out: Path, folder: Path, tasks: tuple[str, ...]) -
 
 def learning_curves(rows: list[dict], tasks: tuple[str, ...] = ()) -> list[Curve]:
     """A panel for each task or pair of tasks, a line for each row of the results; a variant's is dashed."""
-    curves, order = [], results.in_order(rows)
-    for row in sorted(rows, key=lambda row: order.index(row["row"])):
+    curves = []
+    for row in sorted(rows, key=lambda row: results.place(row["row"])):
         if "curve" not in row or (tasks and row["task"] not in tasks):
             continue
         panel = f"{row['task']} to {row['target']}" if row["target"] else row["task"]

@@ -125,8 +125,7 @@ def ablation_figures(found: dict[str, list[dict]]) -> list[str]:
                 and row["row"] in beside]  # fmt: skip
         if not base:
             continue
-        order = results.in_order([*base, *ablated])
-        rows = sorted([*base, *ablated], key=lambda row: order.index(row["row"]))
+        rows = sorted([*base, *ablated], key=lambda row: results.place(row["row"]))
         figure, axes = figure_of(1, 1, (8.5, 0.32 * len(rows) + 1), "")
         axis = axes[0, 0]
         for place, row in enumerate(reversed(rows)):

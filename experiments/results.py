@@ -50,11 +50,15 @@ def name(row: str) -> str:
     return ", ".join([NAMES.get(own, own), *variant])
 
 
+def place(row: str) -> tuple[int, str]:
+    """Where a row is listed, whichever was trained first; variants follow what they vary."""
+    known, own = list(NAMES), row.split("+")[0]
+    return known.index(own) if own in known else len(known), row
+
+
 def in_order(rows: list[dict]) -> list[str]:
-    """The names of rows as they are listed everywhere, whichever was trained first; variants follow what they vary."""
-    place = {own: number for number, own in enumerate(NAMES)}
-    names = dict.fromkeys(row["row"] for row in rows)
-    return sorted(names, key=lambda row: (place.get(row.split("+")[0], len(place)), row))
+    """The names of rows as they are listed everywhere."""
+    return sorted({row["row"] for row in rows}, key=place)
 
 
 def color(row: str) -> str:
