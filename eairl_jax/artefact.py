@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from pathlib import Path
@@ -17,6 +18,12 @@ def named_leaves(tree: PyTree) -> dict[str, np.ndarray]:
     """The leaves of a pytree, each under its path ("params/g/...")."""
     paths, _ = jax.tree_util.tree_flatten_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(leaf) for path, leaf in paths}
+
+
+def fingerprint(tree: PyTree) -> str:
+    """Twelve characters that tell these arrays from others, by their names, shapes and values."""
+    named = named_leaves(tree).items()
+    return hashlib.sha256(b"".join(f"{name}{x.shape}".encode() + x.tobytes() for name, x in named)).hexdigest()[:12]
 
 
 def nested(leaves: dict[str, np.ndarray]) -> dict:

@@ -30,6 +30,16 @@ def interquartile_mean(scores: Sequence[np.ndarray]) -> Estimate:
     )
 
 
+def difference(ours: Sequence[np.ndarray], theirs: Sequence[np.ndarray]) -> Estimate:
+    """Of the means over seeds, ours less theirs, a mean over the tasks."""
+
+    def statistic(*both, axis=-1):
+        means = [np.mean(each, axis=axis) for each in both]
+        return np.mean(means[: len(ours)], axis=0) - np.mean(means[len(ours) :], axis=0)
+
+    return _bootstrap(statistic, [*ours, *theirs])
+
+
 def probability_of_improvement(ours: Sequence[np.ndarray], theirs: Sequence[np.ndarray]) -> Estimate:
     """That a seed of ours scores above a seed of theirs, a mean over the tasks; ties count half."""
 

@@ -7,15 +7,19 @@ from eairl_jax.methods import resolve, uses_empowerment
 from eairl_jax.samples import check_segments
 from envs.mjx_task import MjxTask
 
-EMPOWERMENT = {"lambda_i", "beta", "phi_lr", "inverse_lr", "empowerment_updates", "empowerment_batch", "inverse_loss",
-               "phi_sync_interval", "l_i_power", "l_i_actions", "l_i_in", "scoring_phi"}  # fmt: skip
-ADVERSARY = {"discriminator_lr", "history", "history_length", "restart_every", "shaping", "shaping_discount",
-             "reward_form", "reward_obs", "action_part", "judges", "update_order", "gradient_penalty",
-             "action_variance", "input_sparsity", "hidden"}  # fmt: skip
-TRPO = {"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"}
-PPO = {"clip_eps", "max_grad_norm"}
-SOFT = {"temperature", "temperature_end"}  # of a reward that is given
-REINFORCEMENT = {"gamma", "gae_lambda", "entropy_weight", "entropy_end", "std_end"}
+EMPOWERMENT = frozenset({
+    "lambda_i", "beta", "phi_lr", "inverse_lr", "empowerment_updates", "empowerment_batch", "inverse_loss",
+    "phi_sync_interval", "l_i_power", "l_i_actions", "l_i_in", "scoring_phi",
+})  # fmt: skip
+ADVERSARY = frozenset({
+    "discriminator_lr", "history", "history_length", "restart_every", "shaping", "shaping_discount", "reward_form",
+    "reward_obs", "action_part", "judges", "update_order", "gradient_penalty", "action_variance", "input_sparsity",
+    "hidden",
+})  # fmt: skip
+TRPO = frozenset({"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"})
+PPO = frozenset({"clip_eps", "max_grad_norm"})
+SOFT = frozenset({"temperature", "temperature_end"})  # of a reward that is given
+REINFORCEMENT = frozenset({"gamma", "gae_lambda", "entropy_weight", "entropy_end", "std_end"})
 
 
 def make(env: MjxTask, config: Config) -> Algorithm:
@@ -27,7 +31,7 @@ def make(env: MjxTask, config: Config) -> Algorithm:
     return make_bc(env, config) if config.method == "bc" else make_irl(env, config)
 
 
-def meaningless(config: Config) -> set[str]:
+def meaningless(config: Config) -> frozenset[str]:
     """The settings that a method and its optimiser never read."""
     unread = PPO if config.optimizer == "trpo" else TRPO
     if config.method == "bc":
@@ -44,7 +48,7 @@ def refuse_meaningless(configs: list[Config], given: set[str], purpose: str | No
     Args:
       purpose: what is done instead of imitation, which reads no setting of an adversary.
     """
-    unread = set.intersection(*(meaningless(config) for config in configs))
+    unread = frozenset.intersection(*(meaningless(config) for config in configs))
     unread |= EMPOWERMENT | ADVERSARY | {"method", "discriminator_updates", "discriminator_batch"} if purpose else SOFT
     unread &= given
     if unread:

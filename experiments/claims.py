@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments import results
-from experiments.aggregate import probability_of_improvement
+from experiments import paper, results
+from experiments.aggregate import difference, probability_of_improvement
 from experiments.reproduce import EXPERIMENTS
 
-EQUAL = 0.05  # of normalised score: closer than this counts as the same
-HOLDS = ("yes", "no", "partly", "open")
+EQUAL = 0.05  # of normalised score: less than this below counts as the same
+HOLDS = ("yes", "no", "partly", "unclear", "open")
 Scores = dict[tuple[str, str | None], np.ndarray]  # (task, target) -> normalised scores [seeds]
 
 
@@ -45,42 +45,72 @@ class Claim(NamedTuple):
 
 def claims(found: dict[str, list[dict]]) -> list[Claim]:
     """What the paper claims, judged by fixed thresholds on whatever results there are."""
-    imitated, moved, ablated = found["table2"], found["table1"], found["ablations"]
-    eairl = scores(imitated, "eairl-sa")
-    said = []
-    for text, theirs, row in (
-        ("EAIRL imitates", "0.65 to 0.99 of the expert", "eairl-sa"),
-        ("Ours: so it does with settings that were tuned", "", "eairl-sa+tuned"),
-    ):
-        own = scores(imitated, row)
-        each = ", ".join(f"{task} {s.mean():.2f}" for (task, _), s in own.items()) or "not run"
-        said.append(Claim(text, theirs, each, _all([s.mean() >= 0.95 for s in own.values()], planned(row))))
+    return [*_of_imitation(found["table2"]), *_of_transfer(found["table1"]), *_of_phi(found)]
+
+
+def _of_imitation(rows: list[dict]) -> list[Claim]:
+    own = scores(rows, "eairl-sa")
+    # In the paper's tasks our random return stands in for theirs, which is not known.
+    published = {(row["task"], None): cell.published_share for row in rows if row["row"] == "eairl-sa"
+                 if (cell := results.cell(row, paper.IMITATION)).published_share is not None}  # fmt: skip
+    theirs = ", ".join(f"{task} {share:.2f}" for (task, _), share in published.items())
+    tasks = planned("eairl-sa")
+    best = own | scores(rows, "eairl-sa+tuned")
+    said = [
+        Claim("EAIRL imitates at the paper's level", theirs, _each(own),
+              _all([s.mean() >= published[task] - EQUAL for task, s in own.items() if task in published], tasks)),
+        Claim("Ours: at 0.95 of the expert, with settings of ours where they were tuned (ant, half_cheetah)", "",
+              _each(best), _all([s.mean() >= 0.95 for s in best.values()], tasks)),
+    ]  # fmt: skip
     for name, row, claimed in (("GAIL", "gail-sa", "as well"), ("AIRL(s,a)", "airl_sa-sa", "as well"),
                                ("AIRL(s)", "airl_s-s", "better"), ("GAN-GCL", "gan_gcl-sa", "better")):  # fmt: skip
         text = f"EAIRL imitates {'as well as' if claimed == 'as well' else 'better than'} {name}"
-        said.append(_compared(text, claimed, eairl, scores(imitated, row), planned(row)))
-    in_every_maze = [("0.9 of the expert in every seed", np.min, 0.9)]
-    crippled = [("0.81 of the expert, as the paper's EAIRL", np.mean, 0.81), ("0.95 of it in every seed", np.min, 0.95)]
+        said.append(_compared(text, claimed, own, scores(rows, row), planned(row)))
+    return said
+
+
+def _of_transfer(rows: list[dict]) -> list[Claim]:
+    said = []
     for place, source, aim, theirs, ours in (
-        ("the other maze", "point_maze", 0.9, "-7.01 of -4.98", in_every_maze),
-        ("the crippled ant", "ant", 0.81, "0.81 of the expert", crippled),
-    ):
-        rows = [row for row in results.moved(moved) if row["task"].startswith(source)]
-        own, separable = (scores(rows, row, "last") for row in ("eairl-sa", "eairl-separable"))
-        tasks = planned("eairl-sa", "last", source)
-        said.append(Claim(f"EAIRL's reward r(s,a) transfers to {place}", theirs, _list(own),
+        ("the other maze", "point_maze", 0.9, "0.95 of the expert (-7.01 of -4.98)",
+         [("within 10 % of the expert's return in every seed", within_a_tenth)]),
+        ("the crippled ant", "ant", 0.81, "0.81 of the expert", [
+            ("0.81 of the expert, as the paper's EAIRL", lambda row: results.normalized(row).mean() >= 0.81),
+            ("0.95 of it in every seed", lambda row: results.normalized(row).min() >= 0.95),
+         ]),
+    ):  # fmt: skip
+        own_rows = [row for row in results.moved(rows) if row["task"].startswith(source) and row["rule"] == "last"]
+        own, tasks = scores(own_rows, "eairl-sa", "last"), planned("eairl-sa", "last", source)
+        said.append(Claim(f"EAIRL's reward r(s,a) transfers to {place}", theirs, _each(own),
                           _all([s.mean() >= aim for s in own.values()], tasks)))  # fmt: skip
         for name, row in (("AIRL(s)", "airl_s-s"), ("AIRL(s,a)", "airl_sa-sa")):
-            other = scores(rows, row, "last")
+            other = scores(own_rows, row, "last")
             said.append(_compared(f"There it is better than {name}'s ({place})", "better", own, other, tasks))
-        for level, of_seeds, least in ours:
-            said.append(Claim(f"Ours: a separable reward transfers to {place}, {level}", "", _range(separable),
-                              _all([of_seeds(s) >= least for s in separable.values()], tasks)))  # fmt: skip
-    mazes = [row for row in results.moved(moved) if row["task"].startswith("point_maze")]
-    full = scores(mazes, "eairl-sa", "last")
-    said.append(_compared("Empowerment's Phi is what makes it transfer (against Phi = 0)", "better",
-                          full, scores(ablated, "eairl-sa+shaping=none", "last"), 1))  # fmt: skip
+        separable = [row for row in own_rows if row["row"] == "eairl-separable"]
+        for level, holds in ours:
+            said.append(Claim(f"Ours: a separable reward transfers to {place}, {level}", "",
+                              _each(scores(separable, "eairl-separable", "last")),
+                              _all([bool(holds(row)) for row in separable], tasks)))  # fmt: skip
     return said
+
+
+def within_a_tenth(row: dict) -> bool:
+    """Whether every seed's return, as it is, falls short of the expert's by a tenth of that at most."""
+    return min(row["returns"]) >= row["expert"] - 0.1 * abs(row["expert"])
+
+
+def _of_phi(found: dict[str, list[dict]]) -> list[Claim]:
+    """Each form of the reward with Phi, as its only shaping, against none."""
+    moved, ablated = results.moved(found["table1"]), found["ablations"]
+    mazes = [row for row in (*moved, *ablated) if row["task"].startswith("point_maze")]
+    return [
+        _compared(f"Empowerment's Phi is what makes {form} transfer (against Phi = 0)", "better",
+                  scores(mazes, phi, "last"), scores(mazes, without, "last"), 1)
+        for form, phi, without in (
+            ("r(s,a)", "eairl-sa", "eairl-sa+shaping=none"),
+            ("a separable reward", "eairl-separable+shaping=empowerment", "eairl-separable+shaping=none"),
+        )
+    ]  # fmt: skip
 
 
 def _all(held: list[bool], tasks: int) -> str:
@@ -90,23 +120,30 @@ def _all(held: list[bool], tasks: int) -> str:
     return "yes" if all(held) else "partly" if any(held) else "no"
 
 
-def _list(own: Scores) -> str:
-    return ", ".join(f"{s.mean():.2f}" for s in own.values()) or "not run"
-
-
-def _range(own: Scores) -> str:
-    return ", ".join(f"{s.mean():.2f} ({s.min():.2f} to {s.max():.2f})" for s in own.values()) or "not run"
+def _each(own: Scores) -> str:
+    """The mean of each task, and from which seed to which."""
+    return ", ".join(f"{'' if target else task} {s.mean():.2f} ({s.min():.2f} to {s.max():.2f})".strip()
+                     for (task, target), s in own.items()) or "not run"  # fmt: skip
 
 
 def _compared(text: str, claimed: str, ours: Scores, theirs: Scores, tasks: int) -> Claim:
     both = _common(ours, theirs)
     if not both:
         return Claim(text, claimed, "not run", "open")
-    mine, other = (float(np.mean([own.mean() for own in side])) for side in zip(*both, strict=True))
-    chance = probability_of_improvement(*zip(*both, strict=True))
-    held = mine >= other - EQUAL if claimed == "as well" else chance.low > 0.5 and mine > other
-    here = f"{mine:.2f} against {other:.2f}; better with probability {chance.value:.2f} "
-    return Claim(text, claimed, f"{here}[{chance.low:.2f}, {chance.high:.2f}]", _all([held] * len(both), tasks))
+    sides = tuple(zip(*both, strict=True))
+    mine, other = (float(np.mean([own.mean() for own in side])) for side in sides)
+    if claimed == "as well":
+        gap = difference(*sides)
+        here = f"{mine:.2f} against {other:.2f}; difference {gap.value:+.2f} [{gap.low:+.2f}, {gap.high:+.2f}]"
+        if gap.low < -EQUAL <= gap.high:
+            return Claim(text, claimed, here, "unclear")
+        held = gap.low >= -EQUAL
+    else:
+        chance = probability_of_improvement(*sides)
+        here = f"{mine:.2f} against {other:.2f}; better with probability {chance.value:.2f} "
+        here += f"[{chance.low:.2f}, {chance.high:.2f}]"
+        held = chance.low > 0.5 and mine > other
+    return Claim(text, claimed, here, _all([held] * len(both), tasks))
 
 
 def improvements(found: dict[str, list[dict]]) -> list[dict]:

@@ -227,8 +227,8 @@ class Transfer:
 class Reproduce:
     """Train the paper's tables and figures, or go on with them: runs that are in --out already are kept.
 
-    20 demonstrations, the last iteration's reward (and `source_retrain`), no selection on a target task, seeds by which
-    no setting was chosen. Results are written after every row.
+    20 demonstrations, the last iteration's reward (and `source_retrain`), no selection on a target task, seeds 20 and
+    on, by which no setting's value was chosen. Results are written after every row, the cheapest first.
     """
 
     name: Annotated[

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from eairl_jax import Demonstrations, InputError, demonstrations, evaluate
-from experiments.folder import machine
+from experiments.folder import machine, writable
 from experiments.policies import best_expert
 from experiments.reference import SCORE_EPISODES, random_return
 from experiments.settings import make_env
@@ -23,6 +23,8 @@ def command(task: str, expert: Path | None, episodes: int, seed: int, out: Path 
         raise InputError(f"--episodes {episodes}: expected at least 1")
     make_env(task)
     best = best_expert(expert or default_out(f"expert-{task}"), task)
+    path = out or Path("demos") / f"{task}.npz"
+    writable(path)
     env, algorithm = best.env, best.algorithm
     sampled, mean = (final_returns(env, algorithm, best.state, [seed], SCORE_EPISODES, s) for s in (True, False))
     scores = {
@@ -37,7 +39,6 @@ def command(task: str, expert: Path | None, episodes: int, seed: int, out: Path 
     collect = jax.jit(lambda key: evaluate(key, env, act, episodes, env.episode_length)[1])
     demos = Demonstrations(**jax.tree.map(np.asarray, collect(jax.random.PRNGKey(DEMO_SEED + seed))))
     returns = demos.reward.sum(axis=1)
-    path = out or Path("demos") / f"{task}.npz"
     provenance = {
         "command": line,
         "task": task,

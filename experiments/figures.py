@@ -45,7 +45,7 @@ def learning_curves(rows: list[dict], tasks: tuple[str, ...] = ()) -> list[Curve
 def appendix_c(rows: list[dict], out: Path, folder: Path, tasks: tuple[str, ...]) -> None:
     """Appendix C: paths in the mazes, over the learned reward; gaits and paths of the ant and the crippled ant."""
     last = [row for row in results.moved(rows) if row["rule"] == "last" and (not tasks or row["task"] in tasks)]
-    for (task, target), moved in results.by_task(last).items():
+    for (task, target), moved in results.by_task(sorted(last, key=lambda row: results.place(row["row"]))).items():
         if task.startswith("point_maze"):
             maze_paths(folder / f"appendix-c-{task}.png", task, target, moved, out)
         else:
@@ -90,23 +90,25 @@ def _walls(axis, env: MjxTask) -> None:
 
 
 def gaits(folder: Path, task: str, target: str, rows: list[dict], out: Path) -> None:
-    """Frames of a policy in the source and of one on its reward in the target, and the ways of every seed.
+    """A column for each row, the ways of every seed in the source and on its reward in the target; frames of one row.
 
     Of `SHOWN` if it is there, not of the row that came out best.
     """
     shown = next((row for row in rows if row["row"] == SHOWN), rows[-1])
-    figure, axes = figure_of(1, 2, (4.6, 3.6), f"ways of the torso from above, m; {results.name(shown['row'])}")
-    titles = f"{task}: policies that learned the rewards", f"{target}: policies trained on them"
-    for axis, name, title, run in zip(axes[0], (task, target), titles, _runs(shown, out), strict=True):
-        found = policies.load(run)
-        ways, _ = episodes(found)
-        problem = frames.draw(found.env, ways[0], folder / f"appendix-c-{name}.png", run / "episode.gif")
-        if problem:
-            say(f"no frames of {name}: this machine cannot draw with OpenGL ({problem})")
-        for seed, way in zip(found.seeds, ways, strict=True):
-            axis.plot(way[:, 0], way[:, 1], label=f"seed {seed}")
-        axis.set_title(title, fontsize=10)
-        axis.set_aspect("equal")
+    title = f"ways of the torso from above, m: {task} (above), {target} (below)"
+    figure, axes = figure_of(2, len(rows), (2.6, 2.7), title)
+    for column, row in enumerate(rows):
+        for axis, name, run in zip(axes[:, column], (task, target), _runs(row, out), strict=True):
+            found = policies.load(run)
+            ways, _ = episodes(found)
+            for seed, way in zip(found.seeds, ways, strict=True):
+                axis.plot(way[:, 0], way[:, 1], label=f"seed {seed}")
+            axis.set_aspect("equal", adjustable="datalim")
+            if row is shown:
+                problem = frames.draw(found.env, ways[0], folder / f"appendix-c-{name}.png", run / "episode.gif")
+                if problem:
+                    say(f"no frames of {name}: this machine cannot draw with OpenGL ({problem})")
+        axes[0, column].set_title(f"{results.name(row['row'])}\n{row['mean']:.0f} in the target", fontsize=9)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
     figure.savefig(folder / f"appendix-c-{task}-ways.png", dpi=110)
     say(f"{folder}/appendix-c-{task}-ways.png, appendix-c-{task}.png and appendix-c-{target}.png")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import datetime
 import hashlib
@@ -9,9 +10,11 @@ import json
 import os
 import platform
 import shutil
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 
+import filelock
 import jax
 import numpy as np
 
@@ -20,7 +23,7 @@ from eairl_jax.artefact import read_json, write_json
 from experiments.settings import SETTINGS
 
 MINIMUM_FREE_BYTES = 50_000_000
-PACKAGES = ("jax", "brax", "mujoco", "mujoco-mjx", "flax", "optax", "orbax-checkpoint", "numpy")
+PACKAGES = ("eairl-jax", "jax", "brax", "mujoco", "mujoco-mjx", "flax", "optax", "orbax-checkpoint", "numpy")
 
 
 class Folder:
@@ -55,6 +58,21 @@ class Folder:
             raise InputError(f"{self.path} holds files but no config.json: it is no run's folder; choose another --out")
         else:
             write_json(config, {"settings": settings, "machine": machine()})
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """While it holds, no other process trains in the folder: two would mix their metrics and checkpoints.
+
+        Raises:
+          InputError: if one does already.
+        """
+        try:
+            with filelock.FileLock(self.path / ".lock", timeout=0):
+                yield
+        except filelock.Timeout:
+            raise InputError(
+                f"another process is training in {self.path}: wait for it, or choose another folder with --out"
+            ) from None
 
     def summary(self) -> dict | None:
         """What the finished run wrote, or None."""
@@ -123,11 +141,12 @@ def writable(path: Path) -> None:
     Raises:
       InputError: if the file cannot be written there; better said before it is computed.
     """
+    there = path.exists()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with open(path, "a"):
             pass
-        if not path.stat().st_size:
+        if not there:
             path.unlink()
     except OSError as e:
         raise InputError(f"cannot write {path} ({e.strerror}): choose another file") from None

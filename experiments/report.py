@@ -5,12 +5,13 @@ from __future__ import annotations
 import base64
 import io
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from eairl_jax import InputError
 from experiments import figures, paper, results
-from experiments.aggregate import interquartile_mean
+from experiments.aggregate import Estimate, interquartile_mean
 from experiments.claims import HOLDS, claims, improvements, scores
 from experiments.folder import machine, writable
 from experiments.reproduce import EXPERIMENTS
@@ -44,61 +45,94 @@ def page(found: dict[str, list[dict]], folder: Path) -> str:
     text = discussion.read_text(encoding="utf-8") if discussion.exists() else ""
     lead, _, rest = (MarkdownIt().render(part) for part in text.partition("\n\n"))
     judged = claims(found)
-    transfers = results.moved(found["table1"])
-    pictures = [(path.stem, _data_url(path.read_bytes(), "png")) for path in sorted(folder.glob("appendix-c-*.png"))]
+    transfers, panels = results.moved(found["table1"]), overview_panels(found)
+    measured = [row for row in (*transfers, *found["ablations"]) if "closeness" in row]
+    pictures = [{"caption": caption(path.stem.removeprefix("appendix-c-"), transfers),
+                 "url": _data_url(path.read_bytes(), "png")}
+                for path in sorted(folder.glob("appendix-c-*.png"))]  # fmt: skip
     return Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(template).render(
         claims=judged,
         count={holds: sum(claim.holds == holds for claim in judged if claim.paper) for holds in HOLDS},
         lead=lead,
-        overview=overview(found),
+        overview=overview(panels),
+        panels=panels,
         tables=[table for name in ("table2", "table1") for table in results.tables(found[name], paper.TABLES[name])],
         improvements=improvements(found),
         imitation_curves=_curves("imitation: true return while learning", found["table2"]),
         transfer_curves=_curves("transfer: true return in the target, training on the learned reward",
                                 [row for row in transfers if row["rule"] == "last"]),
         ablations=ablation_figures(found),
-        closeness=closeness_table(transfers),
-        worth=worth_table(transfers),
-        closeness_figure=closeness_figure(transfers),
+        closeness=closeness_table(measured),
+        worth=worth_table(measured),
+        closeness_figure=closeness_figure([row for row in transfers if "closeness" in row]),
         pictures=pictures,
         discussion=rest,
         budgets=[budget(name, row) for name, rows in found.items() for row in rows],
+        hours=hours(found),
         missing=missing(found),
         machine=machine(),
     )  # fmt: skip
 
 
-def overview(found: dict[str, list[dict]]) -> str:
+class Line(NamedTuple):
+    """A row of a panel of the overview: its scores over all tasks, and the paper's mean."""
+
+    row: str
+    name: str
+    middle: Estimate
+    mean: float
+    published: float | None
+    tasks: int
+
+
+class Panel(NamedTuple):
+    """A part of the overview: the lines of its rows, the number of its tasks, the true reward's score if it has one."""
+
+    title: str
+    lines: list[Line]
+    tasks: int
+    ceiling: float | None
+
+
+def overview_panels(found: dict[str, list[dict]]) -> list[Panel]:
+    """Imitation, and the transfers to each kind of target."""
+    moved = [row for row in results.moved(found["table1"]) if row["rule"] == "last"]
+    parts = [("imitation", found["table2"], None, paper.IMITATION)]
+    for place, source in (("the other maze", "point_maze"), ("the crippled ant", "ant")):
+        rows = [row for row in moved if row["task"].startswith(source)]
+        parts.append((f"the reward in {place}", rows, "last", paper.TRANSFER))
+    return [_panel(*part) for part in parts if part[1]]
+
+
+def _panel(title: str, rows: list[dict], rule: str | None, table: dict) -> Panel:
+    lines, by_task = [], results.by_task(rows)
+    for name in results.in_order(rows):
+        own = list(scores(rows, name, rule).values())
+        cells = [results.cell(row, table) for row in rows if row["row"] == name]
+        published = [cell.published_share for cell in cells if cell.published_share is not None]
+        lines.append(Line(name, results.name(name), interquartile_mean(own), float(np.mean([s.mean() for s in own])),
+                          float(np.mean(published)) if published else None, len(own)))  # fmt: skip
+    ceiling = float(np.mean([results.ceiling(own[0]) for own in by_task.values()])) if rule else None
+    return Panel(f"{title}, {len(by_task)} task{'s' * (len(by_task) > 1)}", lines, len(by_task), ceiling)
+
+
+def overview(panels: list[Panel]) -> str:
     """The first screen's figure: each row's score with its interval, and the paper's."""
-    moved = results.moved(found["table1"])
-    panels = [panel for panel in (
-        ("imitation", found["table2"], None, paper.IMITATION),
-        *((f"the reward in {place}", [row for row in moved if row["task"].startswith(source)], "last", paper.TRANSFER)
-          for place, source in (("the other maze", "point_maze"), ("the crippled ant", "ant"))),
-    ) if panel[1]]  # fmt: skip
     if not panels:
         return ""
     figure, axes = figure_of(1, len(panels), (4.6, 3.4), "")
-    for axis, (title, rows, rule, table) in zip(axes[0], panels, strict=True):
-        names = [name for name in results.in_order(rows) if scores(rows, name, rule)]
-        for place, name in enumerate(reversed(names)):
-            own = scores(rows, name, rule)
-            each = interquartile_mean(list(own.values()))
-            color = results.color(name)
-            axis.plot([each.low, each.high], [place] * 2, color=color, lw=3, alpha=0.5)
-            axis.plot(each.value, place, "o", color=color)
-            cells = [results.cell(row, table) for row in rows if row["row"] == name and row.get("rule") == rule]
-            published = [cell.published_share for cell in cells if cell.published_share is not None]
-            if published:
-                axis.plot(np.mean(published), place, "D", mfc="none", mec="black", ms=5)
-        tasks = len({(row["task"], row["target"]) for row in rows})
-        run = [len(scores(rows, name, rule)) for name in names]
-        _lay_out(axis, [results.name(name) + (f", {count} of {tasks} tasks" if count < tasks else "")
-                        for name, count in zip(names, run, strict=True)])  # fmt: skip
-        axis.set_title(f"{title}, {tasks} task{'s' * (tasks > 1)}", fontsize=10)
-        if rule:
-            ceilings = {(row["task"], row["target"]): results.ceiling(row) for row in rows}
-            axis.axvline(float(np.mean(list(ceilings.values()))), color="gray", lw=1, ls=":")
+    for axis, panel in zip(axes[0], panels, strict=True):
+        for place, line in enumerate(reversed(panel.lines)):
+            color = results.color(line.row)
+            axis.plot([line.middle.low, line.middle.high], [place] * 2, color=color, lw=3, alpha=0.5)
+            axis.plot(line.middle.value, place, "o", color=color)
+            if line.published is not None:
+                axis.plot(line.published, place, "D", mfc="none", mec="black", ms=5)
+        _lay_out(axis, [line.name + (f", {line.tasks} of {panel.tasks} tasks" if line.tasks < panel.tasks else "")
+                        for line in panel.lines])  # fmt: skip
+        axis.set_title(panel.title, fontsize=10)
+        if panel.ceiling is not None:
+            axis.axvline(panel.ceiling, color="gray", lw=1, ls=":")
         axis.set_xlabel("0 random actions, 1 expert; ◇ the paper")
     return _svg(figure)
 
@@ -107,6 +141,7 @@ def _lay_out(axis, labels: list[str]) -> None:
     """A line for each row, the first above, and the expert's score."""
     axis.set_yticks(range(len(labels)), labels[::-1])
     axis.axvline(1, color="black", lw=0.8, ls="--")
+    axis.set_xlim(left=min(axis.get_xlim()[0], -0.05))
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(axis="x", alpha=0.3)
 
@@ -140,14 +175,13 @@ def ablation_figures(found: dict[str, list[dict]]) -> list[str]:
 
 
 def closeness_table(rows: list[dict]) -> list[dict]:
-    """EPIC distance and rank correlations of each row that has them, means over the seeds."""
+    """EPIC distance and rank correlations of each row, means over the seeds."""
     table = []
     for row in rows:
-        if "closeness" in row:
-            measures = {f"{place}: {name}": _mean(values) for place, measured in row["closeness"].items()
-                        for name, values in measured.items() if not name.startswith("worth")}  # fmt: skip
-            table.append({"pair": f"{row['task']} to {row['target']}", "row": results.name(row["row"]),
-                          "score": row["normalized"], "measures": measures})  # fmt: skip
+        measures = {f"{place}: {name}": _mean(values) for place, measured in row["closeness"].items()
+                    for name, values in measured.items() if not name.startswith("worth")}  # fmt: skip
+        table.append({"pair": f"{row['task']} to {row['target']}", "row": results.name(row["row"]),
+                      "score": row["normalized"], "measures": measures})  # fmt: skip
     return table
 
 
@@ -155,7 +189,7 @@ def worth_table(rows: list[dict]) -> list[dict]:
     """What the target's expert, random actions and the retrained policies are worth to each reward, means a step."""
     return [{"pair": f"{row['task']} to {row['target']}", "row": results.name(row["row"]), "score": row["normalized"],
              "worth": [_mean(row["closeness"]["target"][f"worth, {who}"]) for who in WORTH]}
-            for row in rows if "closeness" in row]  # fmt: skip
+            for row in rows if "worth, expert" in row["closeness"]["target"]]  # fmt: skip
 
 
 def _mean(values: list[float | None]) -> float | None:
@@ -165,7 +199,6 @@ def _mean(values: list[float | None]) -> float | None:
 
 def closeness_figure(rows: list[dict]) -> str:
     """Does a closer reward transfer better? Each seed's score over its EPIC distance and its rank correlation."""
-    rows = [row for row in rows if "closeness" in row]
     if not rows:
         return ""
     measures = ("epic", "rank correlation, expert", "rank correlation, policy", "rank correlation, random")
@@ -202,6 +235,36 @@ def budget(experiment: str, row: dict) -> dict:
         "entropy_weight": row["settings"]["hparams"]["entropy_weight"],
         "lambda_i": row["settings"]["hparams"]["lambda_i"],
     }
+
+
+def hours(found: dict[str, list[dict]]) -> list[dict]:
+    """What each experiment took, compilation included."""
+    return [{"experiment": name, "rows": len(rows),
+             "hours": sum(row["run_seconds"] + row["compile_seconds"] for row in rows) / 3600}
+            for name, rows in found.items() if rows]  # fmt: skip
+
+
+def caption(picture: str, transfers: list[dict]) -> str:
+    """What a picture of Appendix C shows, by its name: a task, and "-ways" if it is of ways.
+
+    Args:
+      transfers: the rows that it may be of.
+    """
+    task, rows = picture.removesuffix("-ways"), [row for row in transfers if row["rule"] == "last"]
+    if task.startswith("point_maze"):
+        return (f"{task}: each row's learned reward (its first seed's, of action 0; bright is high) and the paths of "
+                "every seed; above the policies that learned it, below fresh ones on it in the other maze")  # fmt: skip
+    if picture != task:
+        return (f"{task}: the ways of every seed; above the policies that learned each reward, below fresh ones "
+                "trained on it")  # fmt: skip
+    for row in rows:
+        name, seed = results.name(row["row"]), row["seeds"][0]
+        if row["row"] == figures.SHOWN and row["target"] == task:
+            return f"{task}: a fresh policy on the reward of {name}, seed {seed}: true return {row['returns'][0]:.0f}"
+        if row["row"] == figures.SHOWN and row["task"] == task:
+            return (f"{task}: the policy beside which {name} learned its reward, seed {seed}: true return "
+                    f"{row['imitation_returns'][0]:.0f} (how well each imitates is in the first table)")  # fmt: skip
+    return task
 
 
 def missing(found: dict[str, list[dict]]) -> list[dict]:

@@ -11,9 +11,9 @@ import numpy as np
 from eairl_jax import InputError
 from eairl_jax.methods import METHODS
 from experiments import closeness, figures, imitate, paper, results, transfer
-from experiments.folder import Folder, machine
+from experiments.folder import Folder, digest, machine
 from experiments.imitate import Job
-from experiments.retrain import Target, as_target, kept_curves, target_settings
+from experiments.retrain import Target, as_target, kept_curves, on_reward, target_settings
 from experiments.rules import Rule
 from experiments.settings import make_env
 from experiments.summary import Row, print_table
@@ -72,11 +72,15 @@ def retrain_variant(retrain: tuple[str, ...]) -> str:
     return "+".join(f"retrain_{setting}" for setting in retrain)
 
 
+# Cheapest first.
+ORDER = ("point_maze_left", "point_maze_right", "pendulum", "swimmer", "half_cheetah", "ant")
 MAZES = (("point_maze_left", "point_maze_right"), ("point_maze_right", "point_maze_left"))
 ANTS = ("ant", "crippled_ant")
 # The paper's rows, the authors' variant, and two rows of our own.
 MOVED = (("airl_s", "default"), ("airl_sa", "default"), ("eairl", "default"), ("eairl_release", "default"),
          ("airl_sa", "separable"), ("eairl", "separable"))  # fmt: skip
+# Methods that the paper moves no reward of: theirs, where they have one, and their policies.
+OTHERS = (("gail", "default"), ("gan_gcl", "default"))
 IMITATED = ("pendulum", "swimmer", "half_cheetah", "ant")
 IMITATORS = ("bc", "gail", "gan_gcl", "airl_s", "airl_sa", "eairl", "eairl_release")
 ABLATIONS = (("shaping=none",), ("shaping=learned",), ("lambda_i=0",), ("lambda_i=0.001",), ("lambda_i=0.1",),
@@ -86,7 +90,7 @@ ABLATIONS = (("shaping=none",), ("shaping=learned",), ("lambda_i=0",), ("lambda_
 def _moved(pair: tuple[str, str], chosen: tuple[tuple[str, str], ...] = MOVED) -> list[Entry]:
     """Every row by the last iteration, as a policy, and those `chosen` by `source_retrain`; a reward at random."""
     source, target = pair
-    rules = (("last", MOVED), ("policy", MOVED), ("source_retrain", chosen))
+    rules = (("last", (*OTHERS, *MOVED)), ("policy", (("bc", "default"), *OTHERS, *MOVED)), ("source_retrain", chosen))
     rows = [Entry(source, method, form, target, rule) for rule, own in rules for method, form in own]
     return [*rows, Entry(source, "eairl", "default", target, "random")]
 
@@ -117,12 +121,13 @@ SPARSITY = (("gradient_penalty=0.1", "input_sparsity=0"), ("input_sparsity=0.03"
 LONG = ("iterations=1600",)  # 10M steps of retraining: what the protocol wants, more than every row could have
 
 
-# Cheapest first.
 EXPERIMENTS: dict[str, list[Entry]] = {
     "table1": [
         *(entry for pair in MAZES for rows in (_moved(pair), _back_home(pair), _picked_on_the_target(pair, (40, 80)))
           for entry in rows),
         *_moved(ANTS, chosen=(("eairl", "default"), ("eairl", "separable"))),
+        *_back_home(ANTS),
+        *_picked_on_the_target(ANTS, (100, 200, 300)),
         *(Entry(ANTS[0], method, form, ANTS[1], tuned=True) for method, form in MOVED[:3]),
     ],
     "table2": [
@@ -154,15 +159,17 @@ def command(name: str, quick: bool, seeds: int, tasks: tuple[str, ...], out: Pat
     plan = {experiment: [entry for entry in EXPERIMENTS[experiment] if is_wanted(entry, tasks, quick)]
             for experiment in wanted}  # fmt: skip
     # Everything is checked before anything is trained.
-    for experiment, entries in plan.items():
-        refuse_other_seeds(folder / f"{experiment}.json", entries, list(range(FIRST_SEED, FIRST_SEED + seeds)))
+    if not any(plan.values()):
+        raise InputError(f"--quick --task {', '.join(tasks)}: {name} has no quick row of it; choose another task")
     jobs = {entry: prepare(entry, seeds, quick) for entries in plan.values() for entry in entries}
+    for experiment, entries in plan.items():
+        refuse_another(folder / f"{experiment}.json", {entry.identity: jobs[entry] for entry in entries})
     used = {(task, entry.retrain) for entry in jobs if entry.target for task in (entry.task, entry.target)}
     places = {where: as_place(*where, quick) for where in used}
-    for experiment, entries in plan.items():
-        for entry in entries:
-            row = train(entry, jobs[entry], places, out, line)
-            results.add(folder / f"{experiment}.json", row | {"machine": machine()})
+    for experiment, entry in cheapest_first(plan):
+        row = train(entry, jobs[entry], places, out, line)
+        results.add(folder / f"{experiment}.json", row | {"machine": machine()})
+    for experiment in plan:
         show(experiment, results.load(folder / f"{experiment}.json"), tasks)
         say(f"every seed, setting and budget: {folder}/{experiment}.json")
     for figure, experiment in FIGURES.items():
@@ -170,15 +177,28 @@ def command(name: str, quick: bool, seeds: int, tasks: tuple[str, ...], out: Pat
             figures.DRAWN[figure](results.load(folder / f"{experiment}.json"), out, folder, tasks)
 
 
-def refuse_other_seeds(path: Path, entries: list[Entry], seeds: list[int]) -> None:
-    """Raises `InputError` if rows would take the place of ones of other seeds, as those that we ship."""
-    wanted = {entry.identity for entry in entries}
+def cheapest_first(plan: dict[str, list[Entry]]) -> list[tuple[str, Entry]]:
+    """The experiment and entry of every row; of a task imitation comes first, and of all the ablations last."""
+    every = [(experiment, entry) for experiment, entries in plan.items() for entry in entries]
+    return sorted(every, key=lambda row: (row[0] == "ablations", ORDER.index(row[1].task), row[1].target is not None))
+
+
+def refuse_another(path: Path, jobs: dict[tuple, Job]) -> None:
+    """Raises `InputError` if rows would take the place of ones of other seeds or settings, as those that we ship."""
     for row in results.load(path):
-        if results.identity(row) in wanted and row["seeds"] != seeds:
-            raise InputError(
-                f"{path} holds {row['row']} of {row['task']} with seeds {row['seeds'][0]} to {row['seeds'][-1]}, which "
-                f"these {len(seeds)} seeds would replace: give another --results DIR to keep yours apart"
-            )
+        job = jobs.get(results.identity(row))
+        if job is None:
+            continue
+        if row["seeds"] != list(job.seeds):
+            there, here = (f"seeds {own[0]} to {own[-1]}" for own in (row["seeds"], job.seeds))
+        elif digest(row["settings"]) != digest(job.settings()):
+            there, here = "other settings", "these settings"
+        else:
+            continue
+        raise InputError(
+            f"{path} holds {row['row']} of {row['task']} with {there}, which {here} would replace: give another "
+            "--results DIR to keep yours apart"
+        )
 
 
 def is_wanted(entry: Entry, tasks: tuple[str, ...], quick: bool) -> bool:
@@ -219,7 +239,7 @@ def train(entry: Entry, job: Job, places: Places, out: Path, line: str) -> dict:
         rule = Rule.parse(entry.rule, job.recipe, source.recipe)
         summary = transfer.transfer(job, rule, source, target, out, line)
         folder = transfer.folder_of(job, rule, target, out)
-        own["retrain_settings"] = target_settings(target)
+        own["retrain_settings"] = target_settings(on_reward(target, job.recipe.config))
         if rule.kind == "policy":
             return own | summary | {"command": line}
         curves, steps = kept_curves(folder, target, len(job.seeds)), target.recipe.config
@@ -245,8 +265,9 @@ def show(experiment: str, rows: list[dict], tasks: tuple[str, ...]) -> None:
         if tasks and task not in tasks:
             continue
         shown = [Row("expert", np.array([own[0]["expert"]]), paper.row(table, target or task, "expert"), 1.0)]
-        if target:
-            shown.append(Row("ceiling", np.array(own[0]["ceiling"]), None, None, "the true reward, retrained"))
+        for retrained, row in results.ceilings(own).items():
+            note = ", ".join(["the true reward, retrained", *filter(None, (retrained,))])
+            shown.append(Row("ceiling", np.array(row["ceiling"]), None, None, note))
         for row in own:
             published = paper.row(table, target or task, row["method"]) if row["is_published"] else None
             name = f"{row['row']}, {row['rule']}" if target else row["row"]

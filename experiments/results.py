@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+import filelock
 import numpy as np
 
+from eairl_jax import InputError
 from eairl_jax.artefact import read_json, write_json
 from experiments import paper
 from experiments.reference import Reference
@@ -22,21 +24,36 @@ COLORS = {
     "eairl-sa": "C0", "airl_s-s": "C1", "eairl-separable": "C2", "airl_sa-sa": "C3", "airl_sa-separable": "C4",
     "eairl_release-sa": "C5", "gan_gcl-sa": "C6", "bc": "C7", "gail-sa": "C8", "eairl-s": "C9",
 }  # fmt: skip
+# What every row has.
+NEEDED = ("row", "method", "task", "target", "seeds", "returns", "normalized", "expert", "random", "is_published",
+          "settings", "machine")  # fmt: skip
 RULES = ("last", "source_retrain", "policy")  # a column each
 HOME = "back in the source"  # the column of rewards that are retrained where they were learned
 IMITATING = "imitating, in the source"  # that of the policies that learned the rewards, where they did
 
 
 def load(path: Path) -> list[dict]:
-    """The rows of a results file; none if it is not there."""
-    return read_json(path)["rows"] if path.exists() else []
+    """The rows of a results file; none if it is not there.
+
+    Raises:
+      InputError: if the file holds no rows, or only a part of one.
+    """
+    rows = read_json(path).get("rows") if path.exists() else []
+    if not isinstance(rows, list):
+        raise InputError(f"{path} holds no rows of `eairl reproduce`: give the folder that it wrote")
+    for number, row in enumerate(rows):
+        missing = [name for name in NEEDED if name not in row]
+        if missing:
+            raise InputError(f"row {number} of {path} lacks {', '.join(missing)}: write it anew with `eairl reproduce`")
+    return rows
 
 
 def add(path: Path, row: dict) -> None:
     """Puts a row into a results file, in the place of one of the same method, tasks and rule."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    rows = {identity(each): each for each in (*load(path), row)}  # a key keeps the place where it first stood
-    write_json(path, {"rows": list(rows.values())})
+    with filelock.FileLock(path.with_suffix(".lock")):  # of two processes neither loses the other's row
+        rows = {identity(each): each for each in (*load(path), row)}  # a key keeps the place where it first stood
+        write_json(path, {"rows": list(rows.values())})
 
 
 def identity(row: dict) -> tuple[str, str, str | None, str | None]:
@@ -82,6 +99,11 @@ def moved(rows: list[dict]) -> list[dict]:
 def normalized(row: dict) -> np.ndarray:
     """Each seed's score `[seeds]`: 0 for random actions, 1 for the expert."""
     return (np.array(row["returns"]) - row["random"]) / (row["expert"] - row["random"])
+
+
+def ceilings(rows: list[dict]) -> dict[str, dict]:
+    """A row of transfer for each budget of retraining: its ceiling is that of all rows of that budget."""
+    return {row["row"].partition("+retrain_")[2]: row for row in reversed(rows) if row["target"]}
 
 
 def ceiling(row: dict) -> float:

@@ -10,7 +10,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from eairl_jax import Algorithm, Lanes, LearnedReward, demonstrations, make_rl, reward_function
+from eairl_jax import Algorithm, Config, InputError, Lanes, LearnedReward, demonstrations, make_rl, reward_function
 from eairl_jax.types import PyTree
 from envs.mjx_task import MjxTask
 from experiments.algorithms import refuse_meaningless
@@ -39,13 +39,27 @@ def as_target(task: str, env: MjxTask, assignments: tuple[str, ...], restarts: i
     Args:
       assignments: a user's `name=value` for the recipe.
       restarts: a user's number of them.
+
+    Raises:
+      InputError: for a setting that retraining does not have.
     """
     path = shipped(task)
     known = reference(task, env, path, demonstrations.load(path, task))
     overrides = parse_overrides(assignments)
     own = recipe(task, env, "retrain", overrides | ({} if restarts is None else {"restarts": restarts}))
     refuse_meaningless([own.config], set(overrides), "reinforcement learning")
+    if "actions" in overrides:
+        raise InputError("--retrain-set actions: they are what the reward came to know; give --set actions=...")
     return Target(task, env, own, known)
+
+
+def on_reward(target: Target, learned: Config) -> Target:
+    """The target as policies are trained there on a reward that was learned so: with actions as it came to know them.
+
+    Their log pi, too, is that of those actions.
+    """
+    config = dataclasses.replace(target.recipe.config, actions=learned.actions)
+    return dataclasses.replace(target, recipe=dataclasses.replace(target.recipe, config=config))
 
 
 def target_settings(target: Target) -> dict:
@@ -71,8 +85,7 @@ def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | 
         algorithm = make_rl(target.env, target.recipe.config)
     else:
         function = reward_function(reward.config)
-        # Actions, and log pi with them, as the reward came to know them.
-        config = dataclasses.replace(target.recipe.config, actions=reward.config.actions)
+        config = on_reward(target, reward.config).recipe.config
         algorithm = make_rl(target.env, config, lambda params, tau: function(params, tau.obs, tau.action))
     keys = lane_keys(phase, *([label[name] for label in labels] for name in labels[0]))
     # A learned reward is one of maximum-entropy reinforcement learning; the true one is not.

@@ -12,7 +12,7 @@ import numpy as np
 from eairl_jax import InputError, LearnedReward, load_reward
 from experiments.folder import Folder
 from experiments.imitate import Job, describe, snapshot_path, untrained
-from experiments.retrain import Target, retrain, tail
+from experiments.retrain import Target, retrain, tail, target_settings
 from experiments.settings import Recipe, divisor
 from experiments.training import SOURCE_RETRAIN
 
@@ -89,7 +89,7 @@ def choose_reward(
     config = dataclasses.replace(source.recipe.config, iterations=rule.iterations)
     chunk = divisor(rule.iterations, max(1, rule.iterations // 2))
     short = dataclasses.replace(source, recipe=dataclasses.replace(source.recipe, config=config, snapshot_every=chunk))
-    inner = Folder(folder.path / "source_retrain", {"rule": dataclasses.asdict(rule)})
+    inner = Folder(folder.path / "source_retrain", {"rule": dataclasses.asdict(rule)} | target_settings(short))
     title = f"{job.row}: retraining on {len(kept)} snapshots in {job.task}"
     retrain(inner, title, short, rewards[0], params, labels, SOURCE_RETRAIN)
     # As in the target: of the repeats the one that its own reward rates best. Not their mean, which is low where one

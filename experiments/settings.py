@@ -187,6 +187,8 @@ def check_hparams(hparams: HParams, config: Config) -> None:
             raise InputError(f"{name} = {value}: expected a number, 0 or more")
     if config.optimizer == "trpo" and not hparams.kl_limit > 0:
         raise InputError(f"kl_limit = {hparams.kl_limit}: TRPO never moves then; expected more than 0, e.g. 0.01")
+    if not hparams.std_end > 0:
+        raise InputError(f"std_end = {hparams.std_end}: expected a share of the policy's std above 0, e.g. 0.1")
     for name in ("gamma", "gae_lambda"):
         if getattr(hparams, name) > 1:
             raise InputError(f"{name} = {getattr(hparams, name)}: expected at most 1")

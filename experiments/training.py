@@ -72,42 +72,44 @@ def train(
 
     Raises:
       Diverged: when a metric is no longer finite.
+      InputError: if another process is training in the folder.
     """
-    config, chunk = recipe.config, recipe.snapshot_every
-    checkpoints = Checkpoints(folder.path / "checkpoints")
-    state = lanes.init()
-    done = checkpoints.latest() or 0
-    if done:
-        state = lanes.put(checkpoints.restore(done, lanes.take(state)))
-        say(f"{title}: going on from iteration {done} of {config.iterations}")
-    if done >= config.iterations:
+    with folder.alone():
+        config, chunk = recipe.config, recipe.snapshot_every
+        checkpoints = Checkpoints(folder.path / "checkpoints")
+        state = lanes.init()
+        done = checkpoints.latest() or 0
+        if done:
+            state = lanes.put(checkpoints.restore(done, lanes.take(state)))
+            say(f"{title}: going on from iteration {done} of {config.iterations}")
+        if done >= config.iterations:
+            return lanes.take(state)
+        with console.status(f"{title}: compiling"):
+            compile_seconds = lanes.compile(state, chunk)
+        folder.add_seconds(compile_seconds=compile_seconds)
+        with _progress() as progress:
+            task = progress.add_task(title, total=config.iterations, completed=done, rate="", score="")
+            while done < config.iterations:
+                started = time.perf_counter()
+                state, metrics = lanes.run(state, chunk)
+                taken = time.perf_counter() - started
+                _refuse_nan(metrics, done, labels, checkpoints.latest())
+                snapshot = lanes.take(state)
+                folder.append_metrics(done, config.steps_per_iteration, labels, metrics)
+                done += chunk
+                if on_snapshot:
+                    on_snapshot(done, snapshot)
+                checkpoints.save(done, snapshot)
+                folder.add_seconds(run_seconds=taken)
+                rate = f"{len(labels) * chunk * config.steps_per_iteration / taken:,.0f} env steps/s"
+                ended = metrics["true_return"][:, -5:]
+                ended = ended[np.isfinite(ended)]
+                score = f"true return {ended.mean():.2f}" if ended.size else ""
+                progress.update(task, completed=done, rate=rate, score=score)
+                if not console.is_terminal:
+                    console.print(f"{title}: iteration {done}/{config.iterations}  {rate}  {score}", soft_wrap=True)
+        say(f"{title}: compiled in {compile_seconds:.1f} s")
         return lanes.take(state)
-    with console.status(f"{title}: compiling"):
-        compile_seconds = lanes.compile(state, chunk)
-    folder.add_seconds(compile_seconds=compile_seconds)
-    with _progress() as progress:
-        task = progress.add_task(title, total=config.iterations, completed=done, rate="", score="")
-        while done < config.iterations:
-            started = time.perf_counter()
-            state, metrics = lanes.run(state, chunk)
-            taken = time.perf_counter() - started
-            _refuse_nan(metrics, done, labels, checkpoints.latest())
-            snapshot = lanes.take(state)
-            folder.append_metrics(done, config.steps_per_iteration, labels, metrics)
-            done += chunk
-            if on_snapshot:
-                on_snapshot(done, snapshot)
-            checkpoints.save(done, snapshot)
-            folder.add_seconds(run_seconds=taken)
-            rate = f"{len(labels) * chunk * config.steps_per_iteration / taken:,.0f} env steps/s"
-            ended = metrics["true_return"][:, -5:]
-            ended = ended[np.isfinite(ended)]
-            score = f"true return {ended.mean():.2f}" if ended.size else ""
-            progress.update(task, completed=done, rate=rate, score=score)
-            if not console.is_terminal:
-                console.print(f"{title}: iteration {done}/{config.iterations}  {rate}  {score}", soft_wrap=True)
-    say(f"{title}: compiled in {compile_seconds:.1f} s")
-    return lanes.take(state)
 
 
 def final_returns(

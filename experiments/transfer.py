@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from eairl_jax import InputError, LearnedReward, load_reward, save_reward
-from eairl_jax.methods import METHODS
+from eairl_jax import InputError, LearnedReward, artefact, load_reward, save_reward
+from eairl_jax.methods import METHODS, resolve
 from experiments import imitate, paper
 from experiments.folder import Folder, digest
 from experiments.imitate import Job
@@ -104,7 +104,7 @@ def reuse(folder: Folder, reward: LearnedReward, target: Target, seeds: Sequence
     returned, returns = score(folder, f"{row} in {target.task}", target, reward, seeds)
     best = ceiling(target, seeds, folder.path.parent)
     config = target.recipe.config
-    summary = summarize(command, reward.description["task"], target.task, reward.description["method"], seeds, returns,
+    summary = summarize(command, reward.description["task"], target.task, reward.config.method, seeds, returns,
                         config.iterations * config.steps_per_iteration, _sum(seconds, folder.seconds()),
                         target.reference, ceiling=best.tolist(), **more)  # fmt: skip
     title = f"true return in {target.task}, trained on the learned reward"
@@ -166,12 +166,13 @@ def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str
 
 def from_artefact(reward: LearnedReward, path: Path, target: Target, out: Path | None, line: str) -> dict:
     """`--reward DIR`: puts a saved reward to use, a policy for each of its seeds."""
-    description = reward.description
-    row, seeds = f"{description['method']}-{description['reward_form']}", description["seeds"]
+    row, seeds = f"{reward.config.method}-{resolve(reward.config).reward_form}", reward.description["seeds"]
     where = (out or RUNS) / f"reuse-{path.resolve().parent.name}-in-{target.task}"
-    folder = Folder(where, target_settings(target) | {"reward": str(path), "seeds": seeds})
+    # What it is, not where: another reward at the same place is another run.
+    folder = Folder(where, target_settings(target) | {"reward": artefact.fingerprint(reward.params), "seeds": seeds})
     summary = folder.summary()
     if summary is None:
-        more = {"row": row, "is_published": False, "rule": "as saved", "chosen_iterations": description["iterations"]}
+        taken = reward.description.get("iterations", [])  # of one that was saved by hand, nobody knows
+        more = {"row": row, "is_published": False, "rule": "as saved", "chosen_iterations": taken}
         summary = reuse(folder, reward, target, seeds, line, row, [], {}, more)
     return summary

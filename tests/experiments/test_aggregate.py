@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from experiments.aggregate import interquartile_mean, probability_of_improvement
+from experiments.aggregate import difference, interquartile_mean, probability_of_improvement
 
 
 def test_the_middle_half_decides():
@@ -35,6 +35,15 @@ def test_rows_that_do_not_overlap(shift, expected):
 
 def test_a_row_beside_itself_is_even():
     assert probability_of_improvement([np.arange(5.0)], [np.arange(5.0)]).value == 0.5
+
+
+def test_resampling_keeps_every_task():
+    assert interquartile_mean([np.zeros(3), np.full(3, 10.0)]) == (5.0, 5.0, 5.0)
+
+
+def test_the_difference_of_means():
+    ours, theirs = [np.array([1.0, 3.0]), np.array([5.0, 5.0])], [np.array([1.0, 1.0]), np.array([2.0, 2.0])]
+    assert difference(ours, theirs) == (2.0, 1.5, 2.5)
 
 
 def test_one_seed_has_no_interval():

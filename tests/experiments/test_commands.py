@@ -6,16 +6,18 @@ import json
 import re
 import shutil
 
+import jax
 import numpy as np
 import pytest
 
 import envs
-from eairl_jax import Checkpoints, load_reward
+from eairl_jax import Checkpoints, InputError, LearnedReward, load_reward
 from eairl_jax.methods import METHODS, names
-from experiments import bench, cli, reproduce, training
+from experiments import bench, cli, reproduce, training, transfer
 from experiments.folder import digest
-from experiments.imitate import prepare
+from experiments.imitate import describe, prepare, untrained
 from experiments.reproduce import Entry
+from experiments.retrain import as_target
 from experiments.rules import Rule
 from experiments.settings import parse_overrides, recipe
 from experiments.summary import Row, print_table
@@ -277,7 +279,13 @@ def test_tuned_settings_make_a_row_of_their_own_and_give_way_to_a_users():
     assert papers.recipe.config.iterations == ours.recipe.config.iterations
 
 
-def test_transfer_uses_the_source_alone_to_choose(tmp_path, tiny, capsys):
+def test_a_setting_that_one_form_reads_is_accepted_beside_others():
+    for _ in range(2):  # what is refused once is not refused for ever
+        jobs = prepare("pendulum", ("eairl",), ("sa", "separable"), range(1), None, "imitate", ("action_part=net",))
+        assert [job.recipe.config.action_part for job in jobs] == ["net", "net"]
+
+
+def test_transfer_scores_a_chosen_reward(tmp_path, tiny, capsys):
     arguments = ["transfer", "point_maze_left", "point_maze_right", "--reward-form", "separable", "--seeds", 2]
     settings = ["--set", *tiny, "--retrain-set", *rl_settings(tiny)]
     assert run(*arguments, "--out", tmp_path / "run", *settings) == 0
@@ -416,6 +424,12 @@ REFUSED = {
     "brackets": (["evaluate", "[/x]"], "[/x] is no run's folder"),
     "snapshots of nothing": (["imitate", "pendulum", "--set", "snapshot_every=0"], "snapshot_every = 0"),
     "one episode": (["evaluate", "nowhere", "--episodes", "1"], "at least 2"),
+    "std that ends at nothing": (["imitate", "pendulum", "--set", "std_end=0"], "std_end = 0.0"),
+    "actions that a reward does not know": (
+        ["transfer", "point_maze_left", "point_maze_right", "--retrain-set", "actions=executed"],
+        "give --set actions",
+    ),
+    "no quick row": (["reproduce", "table1", "--quick", "--task", "pendulum"], "no quick row"),
     "missing demonstrations": (["imitate", "pendulum", "--demos", "nowhere.npz"], "is not there"),
 }
 
@@ -497,7 +511,7 @@ def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys):
     assert "table2: pendulum, 2 seeds" in printed
     rows = json.loads((tmp_path / "table2.json").read_text())["rows"]
     assert [(r["row"], r["task"], r["target"], r["seeds"]) for r in rows] == [
-        ("bc", "pendulum", None, [20, 21]), ("bc", "point_maze_left", None, [20, 21]),
+        ("bc", "point_maze_left", None, [20, 21]), ("bc", "pendulum", None, [20, 21]),
     ]  # fmt: skip
     assert rows[1]["settings"]["config"]["method"] == "bc"
     assert rows[0]["machine"]["versions"]["jax"]
@@ -507,11 +521,15 @@ def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys):
     assert run(*arguments) == 0
     again = json.loads((tmp_path / "table2.json").read_text())["rows"]
     assert [r["returns"] for r in again] == [r["returns"] for r in rows]
-    # Rows of other seeds are not replaced.
+    # Rows of other seeds or settings are not replaced.
     capsys.readouterr()
-    monkeypatch.setattr(reproduce, "QUICK_SEEDS", 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(reproduce, "QUICK_SEEDS", 1)
+        assert run(*arguments) == 2
+        assert "holds bc of point_maze_left with seeds 20 to 21" in capsys.readouterr().err
+    monkeypatch.setattr(reproduce, "short", lambda quick: (*tiny[:2], *tiny[-2:], "policy_lr=0.5"))
     assert run(*arguments) == 2
-    assert "holds bc of pendulum with seeds 20 to 21" in capsys.readouterr().err
+    assert "holds bc of point_maze_left with other settings" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("task", envs.TASKS)
@@ -586,9 +604,35 @@ def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys):
     assert page.read_text() == text
 
 
+def test_the_cheapest_rows_come_first():
+    ant, maze = (Entry(source, "eairl", target=target) for source, target in (reproduce.ANTS, reproduce.MAZES[0]))
+    plan = {"table1": [ant, maze], "ablations": [maze], "table2": [Entry("ant", "bc"), Entry("pendulum", "bc")]}
+    assert [(experiment, entry.task, entry.target) for experiment, entry in reproduce.cheapest_first(plan)] == [
+        ("table1", "point_maze_left", "point_maze_right"), ("table2", "pendulum", None), ("table2", "ant", None),
+        ("table1", "ant", "crippled_ant"), ("ablations", "point_maze_left", "point_maze_right"),
+    ]  # fmt: skip
+
+
 def test_a_report_of_nothing_is_refused(tmp_path, capsys):
     assert run("report", "--results", tmp_path) == 2
     assert "holds no results" in capsys.readouterr().err
+    for content, hint in (({}, "holds no rows"), ({"rows": [{"row": "bc"}]}, "row 0 of")):
+        (tmp_path / "table2.json").write_text(json.dumps(content))
+        assert run("report", "--results", tmp_path) == 2
+        assert hint in capsys.readouterr().err
+
+
+def test_another_reward_at_the_same_place_is_another_run(tmp_path, monkeypatch):
+    target = as_target("pendulum", envs.make("pendulum"), ())
+    monkeypatch.setattr(transfer, "reuse", lambda folder, *_: folder.finish({"returns": [1.0]}))
+    (job,) = prepare("pendulum", ("airl_s",), ("default",), range(1), None, "reward", ())
+    reward = describe(job, untrained(job), [0])
+    path = tmp_path / "run" / "reward"
+    for _ in range(2):
+        transfer.from_artefact(reward, path, target, tmp_path, "")
+    other = LearnedReward(reward.description, reward.config, jax.tree.map(lambda leaf: leaf + 1, reward.params))
+    with pytest.raises(InputError, match="different run"):
+        transfer.from_artefact(other, path, target, tmp_path, "")
 
 
 def test_an_experiment_without_the_task_is_refused(capsys):

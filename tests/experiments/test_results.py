@@ -12,7 +12,8 @@ def row(name, method, returns, target="point_maze_right", rule="last", **more):
     normalized = sum(returns) / len(returns) / 10
     return {"row": name, "method": method, "task": "point_maze_left", "target": target, "rule": rule, "expert": 10.0,
             "random": 0.0, "ceiling": [9.0, 10.0], "returns": returns, "normalized": normalized,
-            "is_published": True, "imitation_returns": [7.0, 7.0]} | more  # fmt: skip
+            "is_published": True, "imitation_returns": [7.0, 7.0], "seeds": [0, 1], "settings": {},
+            "machine": {}} | more  # fmt: skip
 
 
 def test_a_row_takes_the_place_of_its_older_self(tmp_path):
