@@ -24,7 +24,7 @@ def make_bc(env: Env, config: Config) -> Algorithm:
     optimizer = make_optimizer(env, config)
 
     def step(state: RLState, hparams: HParams, demos: Demonstrations):
-        hparams = hparams.at(state.actor.iteration / config.iterations)
+        hparams = hparams.at(actor.progress(state.actor, config))
         key, rollout_key, draw_key = jax.random.split(state.key, 3)
         acting, raw = actor.collect(rollout_key, state.actor, env, optimizer, config)
         policy = acting.policy

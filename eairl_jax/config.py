@@ -119,6 +119,11 @@ class Config:
         """Environment steps in one iteration."""
         return self.num_envs * self.rollout_length
 
+    @property
+    def env_steps(self) -> int:
+        """Environment steps of a whole run."""
+        return self.iterations * self.steps_per_iteration
+
     def __post_init__(self):
         for name in ("num_envs", "rollout_length", "episode_length", "iterations", "ppo_epochs", "ppo_minibatches",
                      "discriminator_updates", "discriminator_batch", "empowerment_updates", "empowerment_batch",

@@ -19,7 +19,7 @@ FIRST_RAW_COST = -3.0
 # A logit beyond it means D < 1 % or D > 99 %: hardly any gradient is left.
 SATURATED_LOGIT = 4.595
 
-# Other actions of the batch that `action_variance` tries at each state.
+# Actions that `action_variance` tries at each state: its own, and others of the batch.
 TRIED_ACTIONS = 4
 
 

@@ -44,7 +44,7 @@ def make_rl(
         return RLState(key, actor.init(actor_key, env, optimizer, config))
 
     def step(state: RLState, hparams: HParams, data: PyTree):
-        hparams = hparams.at(state.actor.iteration / config.iterations)
+        hparams = hparams.at(actor.progress(state.actor, config))
         key, rollout_key, update_key = jax.random.split(state.key, 3)
         acting, raw = actor.collect(rollout_key, state.actor, env, optimizer, config)
         given = reward(data, raw)

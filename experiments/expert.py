@@ -43,7 +43,7 @@ def command(task: str, seeds: int, out: Path | None, assignments: tuple[str, ...
             "command": line,
             "task": task,
             "seeds": list(range(seeds)),
-            "env_steps": own.config.iterations * own.config.steps_per_iteration,
+            "env_steps": own.config.env_steps,
             **folder.seconds(),
             "returns": sampled.tolist(),
             "returns_mean_action": mean_action.tolist(),

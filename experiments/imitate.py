@@ -36,6 +36,10 @@ from experiments.training import LEARN, console, default_out, final_returns, lan
 SATURATED_ACCURACY = 0.99
 
 
+# How much is done, and by which optimiser: a method that is given more or less is still the paper's.
+BUDGET = frozenset({"iterations", "snapshot_every", "num_envs", "rollout_length", "optimizer"})
+
+
 @dataclass(frozen=True)
 class Job:
     """One method with one reward form on one task, checked and ready to train."""
@@ -49,6 +53,8 @@ class Job:
     seeds: range
     variant: str = ""
     """Tells the row from one of the same method and form with other settings."""
+    is_changed: bool = False
+    """Whether anything of the method was set, `BUDGET` apart."""
 
     @property
     def row(self) -> str:
@@ -66,7 +72,8 @@ class Job:
     def is_published(self) -> bool:
         """Whether the row is the method as the paper has it: its own settings and reward form."""
         row = METHODS.get(self.recipe.config.method)
-        return not self.variant and (row is None or resolve(self.recipe.config).reward_form == row.reward_form)
+        own_form = row is None or resolve(self.recipe.config).reward_form == row.reward_form
+        return own_form and not self.variant and not self.is_changed
 
     def settings(self) -> dict:
         """What makes this run this run."""
@@ -104,8 +111,8 @@ def prepare(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: 
     algorithms.refuse_meaningless([own.config for own in recipes], set(overrides))
     for own in recipes:
         algorithms.check(own.config, data)
-    variant = "tuned" if tuned else ""
-    jobs = [Job(task, env, own, data, path, known, seeds, variant) for own in recipes]
+    variant, changed = "tuned" if tuned else "", bool(set(overrides) - BUDGET)
+    jobs = [Job(task, env, own, data, path, known, seeds, variant, changed) for own in recipes]
     return list({job.row: job for job in jobs}.values())
 
 
@@ -175,8 +182,7 @@ def imitate(job: Job, out: Path, command: str) -> dict:
         if job.has_reward:
             save_reward(folder.path / "reward", load_reward(snapshot_path(folder, config.iterations)))
         summary = summarize(command, job.task, None, config.method, job.seeds, returns,
-                            config.iterations * config.steps_per_iteration, folder.seconds(),
-                            job.reference, row=job.row)  # fmt: skip
+                            config.env_steps, folder.seconds(), job.reference, row=job.row)  # fmt: skip
         plot(folder.path / "curves.png", f"{job.row}: imitation of {job.task}", imitation_curves(folder, job))
         folder.finish(summary)
     say(f"{job.row}: in {folder.path}/")

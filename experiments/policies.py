@@ -72,6 +72,8 @@ def load(path: Path) -> Policies:
     keys = jax.random.split(jax.random.PRNGKey(0), restarts * len(seeds))
     like = jax.eval_shape(jax.vmap(lambda key: algorithm.init(key, hparams)), keys)
     like = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), like)
+    if settings.get("rule", {}).get("kind") == "policy":
+        raise InputError(f"{path} trained no policy, it moved one: give the learn-... folder beside it")
     if not (path / "checkpoints" / str(config.iterations)).is_dir():
         raise InputError(f"{path} has lost its last checkpoint ({config.iterations}), where its policies were")
     state = Checkpoints(path / "checkpoints").restore(config.iterations, like)

@@ -21,9 +21,9 @@ class Reference(NamedTuple):
     expert: float
     random: float
 
-    def normalized(self, value: float) -> float:
-        """0 for random actions, 1 for the expert."""
-        return float((value - self.random) / (self.expert - self.random))
+    def normalized(self, value):
+        """A return, or an array of them, on a scale from 0 for random actions to 1 for the expert."""
+        return (value - self.random) / (self.expert - self.random)
 
 
 def shipped(task: str) -> Path:

@@ -98,7 +98,7 @@ def moved(rows: list[dict]) -> list[dict]:
 
 def normalized(row: dict) -> np.ndarray:
     """Each seed's score `[seeds]`: 0 for random actions, 1 for the expert."""
-    return (np.array(row["returns"]) - row["random"]) / (row["expert"] - row["random"])
+    return Reference(row["expert"], row["random"]).normalized(np.array(row["returns"]))
 
 
 def ceilings(rows: list[dict]) -> dict[str, dict]:

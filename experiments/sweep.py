@@ -78,9 +78,8 @@ def sweep(job: Job, points: list[dict[str, float]], out: Path, command: str) -> 
         by_lane = final_returns(job.env, algorithm, state, list(job.seeds) * len(points)).mean(axis=1)
         returns = by_lane.reshape(len(points), len(job.seeds))
         config = job.recipe.config
-        steps = config.iterations * config.steps_per_iteration
         rows = [
-            summarize(command, job.task, None, config.method, job.seeds, own, steps, folder.seconds(),
+            summarize(command, job.task, None, config.method, job.seeds, own, config.env_steps, folder.seconds(),
                       job.reference, point=point)
             for own, point in zip(returns, points, strict=True)
         ]  # fmt: skip

@@ -105,7 +105,7 @@ def reuse(folder: Folder, reward: LearnedReward, target: Target, seeds: Sequence
     best = ceiling(target, seeds, folder.path.parent)
     config = target.recipe.config
     summary = summarize(command, reward.description["task"], target.task, reward.config.method, seeds, returns,
-                        config.iterations * config.steps_per_iteration, _sum(seconds, folder.seconds()),
+                        config.env_steps, _sum(seconds, folder.seconds()),
                         target.reference, ceiling=best.tolist(), **more)  # fmt: skip
     title = f"true return in {target.task}, trained on the learned reward"
     level = ("ceiling: true reward", float(best.mean()))

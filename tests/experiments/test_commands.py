@@ -268,15 +268,16 @@ def test_a_setting_of_one_of_the_methods_is_accepted():
 
 
 def test_tuned_settings_make_a_row_of_their_own_and_give_way_to_a_users():
-    (papers,), (ours,) = (
-        prepare("ant", ("eairl",), ("default",), range(1), None, "imitate", ("ppo_epochs=3",), tuned)
-        for tuned in (False, True)
-    )
-    assert (papers.row, ours.row) == ("eairl-sa", "eairl-sa+tuned")
-    assert (papers.is_published, ours.is_published) == (True, False)
+    (papers,), (changed,), (ours,) = (
+        prepare("ant", ("eairl",), ("default",), range(1), None, "imitate", own, tuned)
+        for own, tuned in ((("optimizer=trpo", "iterations=120"), False), (("ppo_epochs=3",), False),
+                           (("ppo_epochs=3",), True))
+    )  # fmt: skip
+    assert (papers.row, changed.row, ours.row) == ("eairl-sa", "eairl-sa", "eairl-sa+tuned")
+    assert [job.is_published for job in (papers, changed, ours)] == [True, False, False]
     assert (papers.recipe.config.actions, ours.recipe.config.actions) == ("drawn", "executed")
     assert ours.recipe.config.ppo_epochs == 3
-    assert papers.recipe.config.iterations == ours.recipe.config.iterations
+    assert changed.recipe.config.iterations == ours.recipe.config.iterations
 
 
 def test_a_setting_that_one_form_reads_is_accepted_beside_others():

@@ -64,8 +64,7 @@ def found(*table2, table1=(), ablations=()):
 
 
 def judged(results, start):
-    (claim,) = [claim for claim in claims(results) if claim.text.startswith(start)]
-    return claim
+    return next(claim for claim in claims(results) if claim.text.startswith(start))
 
 
 def imitations(row, *each):
@@ -115,7 +114,8 @@ def test_the_crippled_ant_is_judged_by_its_mean_and_by_every_seed(returns, mean,
     results = found(table1=[result("eairl-separable", returns, "ant", "crippled_ant", "last")])
     ours = "Ours: a separable reward transfers to the crippled ant, "
     assert judged(results, f"{ours}0.81").holds == mean
-    assert judged(results, f"{ours}0.95").holds == every
+    assert judged(results, f"{ours}0.95 of it in every seed").holds == every
+    assert judged(results, f"{ours}0.95 of it in every seed, retrained for 10M").holds == "open"
     assert judged(results, "Ours: a separable reward transfers to the other maze").holds == "open"
 
 
