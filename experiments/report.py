@@ -167,9 +167,10 @@ def ablation_figures(found: dict[str, list[dict]]) -> list[str]:
             own, color = results.normalized(row), results.color(row["row"])
             axis.plot(own, [place] * len(own), "o", color=color, alpha=0.5, mec="none")
             axis.plot([own.mean()] * 2, [place - 0.3, place + 0.3], color=color, lw=2)
+            axis.plot([results.ceiling(row)] * 2, [place - 0.5, place + 0.5], color="gray", lw=1, ls=":")
         _lay_out(axis, [results.name(row["row"]) for row in rows])
         axis.tick_params(axis="y", labelsize=8)
-        axis.set_xlabel(f"{task} to {target}: normalised true return, a dot a seed, their mean")
+        axis.set_xlabel(f"{task} to {target}: true return, a dot a seed, their mean; dotted: on the true reward")
         drawn.append(_svg(figure))
     return drawn
 

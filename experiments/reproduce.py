@@ -133,6 +133,8 @@ EXPERIMENTS: dict[str, list[Entry]] = {
     "table2": [
         *(Entry(task, method) for task in IMITATED for method in IMITATORS),
         Entry("half_cheetah", "eairl", tuned=True),
+        # Is it the expert's actions beyond their bounds that the paper's settings fall short by?
+        Entry("half_cheetah", "eairl", settings=("actions=executed",)),
         *(Entry("ant", method, tuned=True) for method in ("eairl", "gail", "airl_sa", "airl_s")),
     ],
     "ablations": [*_ablated(MAZES[0]),
