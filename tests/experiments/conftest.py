@@ -1,6 +1,10 @@
 """Small settings that every command can be driven with in seconds."""
 
+import shutil
+
 import pytest
+
+from experiments import cli
 
 TINY = (
     "num_envs=2",
@@ -27,3 +31,19 @@ def tiny(monkeypatch):
     monkeypatch.setattr("experiments.demos.SCORE_EPISODES", 2)
     monkeypatch.setattr("experiments.reference.SCORE_EPISODES", 2)
     return TINY
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory):
+    """The folder of a tiny `imitate`, for `finished` to copy: trained once a session."""
+    folder = tmp_path_factory.mktemp("trained") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("experiments.training.EVALUATION_EPISODES", 2)
+        cli.main(["imitate", "pendulum", "--seeds", "2", "--out", str(folder), "--set", *TINY])
+    return folder
+
+
+@pytest.fixture
+def finished(trained, tmp_path):
+    """A finished run of two seeds of one's own."""
+    return shutil.copytree(trained, tmp_path / "run")

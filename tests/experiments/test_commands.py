@@ -63,9 +63,10 @@ def columns(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
 
 
-def test_imitate_leaves_what_it_promises(tmp_path, tiny, capsys):
-    assert imitate(tmp_path / "run", tiny) == 0
-    folder = tmp_path / "run"
+def test_imitate_leaves_what_it_promises(finished, tiny, capsys):
+    folder, before = finished, (finished / "metrics.csv").stat().st_mtime_ns
+    assert imitate(folder, tiny) == 0  # computes nothing, and prints the same score
+    assert (folder / "metrics.csv").stat().st_mtime_ns == before
     summary = json.loads((folder / "summary.json").read_text())
     promised = ["command", "task", "target", "method", "seeds", "env_steps", "compile_seconds", "run_seconds",
                 "expert", "random", "returns", "mean", "std", "normalized"]  # fmt: skip
@@ -82,15 +83,9 @@ def test_imitate_leaves_what_it_promises(tmp_path, tiny, capsys):
     assert "normalized" in table(capsys)
     reward = load_reward(folder / "reward", 3, 1)
     assert np.isfinite(reward(np.ones(3), np.ones(1), seed=1))
-    # The same command again computes nothing and prints the same score.
-    before = (folder / "metrics.csv").stat().st_mtime_ns
-    assert imitate(folder, tiny) == 0
-    assert (folder / "metrics.csv").stat().st_mtime_ns == before
 
 
-def test_a_killed_run_goes_on_bit_identically(tmp_path, tiny, monkeypatch):
-    assert imitate(tmp_path / "whole", tiny) == 0
-
+def test_a_killed_run_goes_on_bit_identically(finished, tmp_path, tiny, monkeypatch):
     class Killed(Checkpoints):
         """Dies before the second checkpoint: the second chunk's metrics are on disk, its state is not."""
 
@@ -105,8 +100,8 @@ def test_a_killed_run_goes_on_bit_identically(tmp_path, tiny, monkeypatch):
     monkeypatch.setattr(training, "Checkpoints", Checkpoints)
     assert imitate(tmp_path / "killed", tiny) == 0
     for name in ("metrics.csv", "reward/reward.npz"):
-        assert (tmp_path / "killed" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
-    states = [read_state(tmp_path / name) for name in ("whole", "killed")]
+        assert (tmp_path / "killed" / name).read_bytes() == (finished / name).read_bytes(), name
+    states = [read_state(folder) for folder in (finished, tmp_path / "killed")]
     assert states[0].keys() == states[1].keys()
     for name, leaf in states[0].items():
         np.testing.assert_array_equal(leaf, states[1][name], err_msg=name)
@@ -185,14 +180,13 @@ def test_a_sweep_is_its_single_runs_side_by_side(tmp_path, tiny, capsys):
         np.testing.assert_allclose(together, alone, rtol=1e-3, err_msg="scored in the same episodes")
 
 
-def test_another_first_seed(tmp_path, tiny):
+def test_another_first_seed(finished, tmp_path, tiny):
     """A run's random numbers are those of its seed, not of its place among the others."""
-    assert imitate(tmp_path / "both", tiny) == 0
     assert run("imitate", "pendulum", "--seeds", 1, "--first-seed", 1, "--out", tmp_path / "one", "--set", *tiny) == 0
-    both, one = ([r for r in rows_of(tmp_path / name) if r["seed"] == "1"] for name in ("both", "one"))
+    both, one = ([r for r in rows_of(folder) if r["seed"] == "1"] for folder in (finished, tmp_path / "one"))
     assert len(both) == 4
     np.testing.assert_allclose(*([[float(x) for x in r.values()] for r in rows] for rows in (both, one)), rtol=1e-3)
-    summaries = [json.loads((tmp_path / name / "summary.json").read_text()) for name in ("both", "one")]
+    summaries = [json.loads((folder / "summary.json").read_text()) for folder in (finished, tmp_path / "one")]
     assert [s["seeds"] for s in summaries] == [[0, 1], [1]]
 
 
@@ -223,10 +217,8 @@ def test_bench_measures_methods_in_turns(tmp_path, tiny, monkeypatch, capsys):
     assert f"{ratio:.2f}" in next(line for line in reversed(printed.splitlines()) if "gail-sa" in line)
 
 
-def test_a_saturated_discriminator_is_told(tmp_path, tiny, capsys):
-    assert imitate(tmp_path / "run", tiny) == 0
-    path = tmp_path / "run" / "metrics.csv"
-    rows = rows_of(tmp_path / "run")
+def test_a_saturated_discriminator_is_told(finished, tiny, capsys):
+    path, rows = finished / "metrics.csv", rows_of(finished)
     for right, told in ((0, False), (2, False), (3, True), (4, True)):  # iterations of 4
         with open(path, "w", newline="") as f:
             writer = csv.DictWriter(f, rows[0])
@@ -235,7 +227,7 @@ def test_a_saturated_discriminator_is_told(tmp_path, tiny, capsys):
                 nearly_all = r["seed"] == "1" and int(r["iteration"]) <= right
                 writer.writerow(r | {"accuracy": "0.995" if nearly_all else "0.98"})
         capsys.readouterr()
-        assert imitate(tmp_path / "run", tiny) == 0
+        assert imitate(finished, tiny) == 0
         printed = capsys.readouterr().out
         assert ("accuracy in most iterations (seed 1)" in printed) == told, right
         assert ("discriminator_lr" in printed) == told
@@ -460,9 +452,8 @@ def test_damaged_demonstrations_are_refused(change, hint, tmp_path, capsys):
     assert hint in capsys.readouterr().err
 
 
-def test_a_folder_of_another_run_is_refused(tmp_path, tiny, capsys):
-    assert imitate(tmp_path / "run", tiny) == 0
-    assert run("imitate", "pendulum", "--seeds", 1, "--out", tmp_path / "run", "--set", *tiny) == 2
+def test_a_folder_of_another_run_is_refused(finished, tmp_path, tiny, capsys):
+    assert run("imitate", "pendulum", "--seeds", 1, "--out", finished, "--set", *tiny) == 2
     assert "different run (seeds: there [0, 1], here [0])" in capsys.readouterr().err
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.tex").write_text("")
@@ -470,19 +461,18 @@ def test_a_folder_of_another_run_is_refused(tmp_path, tiny, capsys):
     assert "no run's folder" in capsys.readouterr().err
 
 
-def test_a_setting_that_is_new_leaves_an_older_run_what_it_was(tmp_path, tiny, capsys):
-    assert imitate(tmp_path / "run", tiny) == 0
-    path = tmp_path / "run" / "config.json"
+def test_a_setting_that_is_new_leaves_an_older_run_what_it_was(finished, tiny, capsys):
+    path = finished / "config.json"
     content = json.loads(path.read_text())
     before = digest(content["settings"])
     del content["settings"]["config"]["actions"]  # as a version wrote it that did not know of it
     assert digest(content["settings"]) == before
     path.write_text(json.dumps(content))
-    assert imitate(tmp_path / "run", tiny) == 0
+    assert imitate(finished, tiny) == 0
     content["settings"]["config"]["actions"] = "executed"
     assert digest(content["settings"]) != before
     path.write_text(json.dumps(content))
-    assert imitate(tmp_path / "run", tiny) == 2
+    assert imitate(finished, tiny) == 2
     assert "config.actions: there 'executed', here 'drawn'" in capsys.readouterr().err
 
 
