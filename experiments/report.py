@@ -14,7 +14,7 @@ from experiments import figures, paper, results
 from experiments.aggregate import Estimate, interquartile_mean
 from experiments.claims import HOLDS, claims, improvements, scores
 from experiments.folder import machine, writable
-from experiments.reproduce import EXPERIMENTS
+from experiments.reproduce import EXPERIMENTS, Entry
 from experiments.summary import curve_figure, figure_of
 from experiments.training import console
 
@@ -46,7 +46,8 @@ def page(found: dict[str, list[dict]], folder: Path) -> str:
     lead, _, rest = (MarkdownIt().render(part) for part in text.partition("\n\n"))
     judged = claims(found)
     transfers, panels = results.moved(found["table1"]), overview_panels(found)
-    measured = [row for row in (*transfers, *found["ablations"]) if "closeness" in row]
+    measured = [row for _, own in results.by_task([*transfers, *found["ablations"]]).items()
+                for row in sorted(own, key=lambda row: results.place(row["row"])) if "closeness" in row]  # fmt: skip
     pictures = [{"caption": caption(path.stem.removeprefix("appendix-c-"), transfers),
                  "url": _data_url(path.read_bytes(), "png")}
                 for path in sorted(folder.glob("appendix-c-*.png"))]  # fmt: skip
@@ -269,15 +270,21 @@ def caption(picture: str, transfers: list[dict]) -> str:
 
 
 def missing(found: dict[str, list[dict]]) -> list[dict]:
-    """The tasks of an experiment of which rows are missing, with the command that finishes them."""
-    count: dict[tuple[str, str], int] = {}
+    """The tasks of an experiment of which rows are missing, which ones, and the command that finishes them."""
+    lacking: dict[tuple[str, str], list[str]] = {}
     for name, entries in EXPERIMENTS.items():
         there = {results.identity(row) for row in found[name]}
         for entry in entries:
             if entry.identity not in there:
-                count[name, entry.task] = count.get((name, entry.task), 0) + 1
+                lacking.setdefault((name, entry.task), []).append(_called(entry))
     return [{"experiment": name, "task": task, "rows": rows, "command": f"eairl reproduce {name} --task {task}"}
-            for (name, task), rows in count.items()]  # fmt: skip
+            for (name, task), rows in lacking.items()]  # fmt: skip
+
+
+def _called(entry: Entry) -> str:
+    """A row as one says it: "EAIRL (random)", "EAIRL (back in the source)", "GAIL" of an imitation."""
+    rule = results.HOME if entry.target == entry.task else entry.rule
+    return results.name(entry.row) + (f" ({rule})" if entry.target else "")
 
 
 def _svg(figure) -> str:
