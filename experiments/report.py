@@ -45,6 +45,7 @@ def page(found: dict[str, list[dict]], folder: Path) -> str:
     text = discussion.read_text(encoding="utf-8") if discussion.exists() else ""
     lead, _, rest = (MarkdownIt().render(part) for part in text.partition("\n\n"))
     judged = claims(found)
+    longer = [row for row in found["ablations"] if "+retrain_" in row["row"]]
     transfers, panels = results.moved(found["table1"]), overview_panels(found)
     measured = [row for _, own in results.by_task([*transfers, *found["ablations"]]).items()
                 for row in sorted(own, key=lambda row: results.place(row["row"])) if "closeness" in row]  # fmt: skip
@@ -61,7 +62,7 @@ def page(found: dict[str, list[dict]], folder: Path) -> str:
         improvements=improvements(found),
         imitation_curves=_curves("imitation: true return while learning", found["table2"]),
         transfer_curves=_curves("transfer: true return in the target, training on the learned reward",
-                                [row for row in transfers if row["rule"] == "last"]),
+                                [*(row for row in transfers if row["rule"] == "last"), *longer]),
         ablations=ablation_figures(found),
         closeness=closeness_table(measured),
         worth=worth_table(measured),
@@ -171,7 +172,8 @@ def ablation_figures(found: dict[str, list[dict]]) -> list[str]:
             axis.plot([results.ceiling(row)] * 2, [place - 0.5, place + 0.5], color="gray", lw=1, ls=":")
         _lay_out(axis, [results.name(row["row"]) for row in rows])
         axis.tick_params(axis="y", labelsize=8)
-        axis.set_xlabel(f"{task} to {target}: true return, a dot a seed, their mean; dotted: on the true reward")
+        axis.set_title(f"{task} to {target}", fontsize=10)
+        axis.set_xlabel("0 random actions, 1 expert: a dot a seed, their mean; dotted: the true reward's")
         drawn.append(_svg(figure))
     return drawn
 
