@@ -96,19 +96,24 @@ def gaits(folder: Path, task: str, target: str, rows: list[dict], out: Path) -> 
     """
     shown = next((row for row in rows if row["row"] == SHOWN), rows[-1])
     title = f"ways of the torso from above, m: {task} (above), {target} (below)"
-    figure, axes = figure_of(2, len(rows), (2.6, 2.7), title)
+    figure, axes = figure_of(2, len(rows), (2.8, 1.7), title)
     for column, row in enumerate(rows):
         for axis, name, run in zip(axes[:, column], (task, target), _runs(row, out), strict=True):
             found = policies.load(run)
             ways, _ = episodes(found)
             for seed, way in zip(found.seeds, ways, strict=True):
                 axis.plot(way[:, 0], way[:, 1], label=f"seed {seed}")
-            axis.set_aspect("equal", adjustable="datalim")
             if row is shown:
                 problem = frames.draw(found.env, ways[0], folder / f"appendix-c-{name}.png", run / "episode.gif")
                 if problem:
                     say(f"no frames of {name}: this machine cannot draw with OpenGL ({problem})")
         axes[0, column].set_title(f"{results.name(row['row'])}\n{row['mean']:.0f} in the target", fontsize=9)
+    for beside in axes:  # one scale, or standing still looks like walking
+        limits = np.array([(*axis.get_xlim(), *axis.get_ylim()) for axis in beside])
+        left, _, low, _ = limits.min(axis=0)
+        _, right, _, high = limits.max(axis=0)
+        for axis in beside:
+            axis.set(xlim=(left, right), ylim=(low, high), aspect="equal")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
     figure.savefig(folder / f"appendix-c-{task}-ways.png", dpi=110)
     say(f"{folder}/appendix-c-{task}-ways.png, appendix-c-{task}.png and appendix-c-{target}.png")
