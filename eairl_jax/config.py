@@ -130,10 +130,9 @@ class Config:
                      "phi_sync_interval", "cg_iterations", "line_search_steps"):  # fmt: skip
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {getattr(self, name)}: expected at least 1")
-        if self.history_length < 0:
-            raise InputError(f"history_length = {self.history_length}: expected 0 or more iterations")
-        if self.restart_every < 0:
-            raise InputError(f"restart_every = {self.restart_every}: expected 0 (never) or more iterations")
+        for name in ("history_length", "restart_every"):
+            if getattr(self, name) < 0:
+                raise InputError(f"{name} = {getattr(self, name)}: expected 0 (none, never) or more iterations")
         if self.restart_every and self.iterations % self.restart_every:
             raise InputError(
                 f"iterations = {self.iterations} is not a multiple of restart_every = {self.restart_every}: the last "
@@ -145,16 +144,13 @@ class Config:
                 f"{self.num_envs} x {self.rollout_length} = {self.steps_per_iteration} steps: choose a divisor of "
                 f"{self.steps_per_iteration}"
             )
-        if not self.log_std_min < self.log_std_init < self.log_std_max:
-            raise InputError(
-                f"log_std_init = {self.log_std_init} must lie between log_std_min = {self.log_std_min} and "
-                f"log_std_max = {self.log_std_max}"
-            )
+        low, start, high = self.log_std_min, self.log_std_init, self.log_std_max
+        if not low < start < high:
+            raise InputError(f"log_std_init = {start} must lie between log_std_min = {low} and log_std_max = {high}")
         for name in ("hidden", "policy_hidden", "value_hidden"):
-            if not isinstance(getattr(self, name), tuple):
-                raise InputError(f"{name} = {getattr(self, name)}: expected a tuple of widths, e.g. (32, 32)")
-            if not getattr(self, name) or min(getattr(self, name)) < 1:
-                raise InputError(f"{name} = {getattr(self, name)}: expected one or more positive widths, e.g. (32, 32)")
+            widths = getattr(self, name)
+            if not isinstance(widths, tuple) or not widths or min(widths) < 1:
+                raise InputError(f"{name} = {widths}: expected a tuple of one or more positive widths, e.g. (32, 32)")
         for name, options in CHOICES.items():
             choose(name, getattr(self, name), options)
         for penalty in self.penalties:
