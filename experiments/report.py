@@ -109,6 +109,8 @@ def overview_panels(found: dict[str, list[dict]]) -> list[Panel]:
 def _panel(title: str, rows: list[dict], rule: str | None, table: dict) -> Panel:
     lines, by_task = [], results.by_task(rows)
     for name in results.in_order(rows):
+        if "=" in name:
+            continue  # a question about one setting is for the tables
         own = list(scores(rows, name, rule).values())
         cells = [results.cell(row, table) for row in rows if row["row"] == name]
         published = [cell.published_share for cell in cells if cell.published_share is not None]
