@@ -31,7 +31,7 @@ def figure2(rows: list[dict], out: Path, folder: Path, tasks: tuple[str, ...]) -
 def learning_curves(rows: list[dict], tasks: tuple[str, ...] = ()) -> list[Curve]:
     """A panel for each task or pair of tasks, a line for each row of the results; a variant's is dashed."""
     curves = []
-    for row in sorted(rows, key=lambda row: results.place(row["row"])):
+    for row in results.listed(rows):
         if "curve" not in row or (tasks and row["task"] not in tasks):
             continue
         panel = f"{row['task']} to {row['target']}" if row["target"] else row["task"]
@@ -45,7 +45,7 @@ def learning_curves(rows: list[dict], tasks: tuple[str, ...] = ()) -> list[Curve
 def appendix_c(rows: list[dict], out: Path, folder: Path, tasks: tuple[str, ...]) -> None:
     """Appendix C: paths in the mazes, over the learned reward; gaits and paths of the ant and the crippled ant."""
     last = [row for row in results.moved(rows) if row["rule"] == "last" and (not tasks or row["task"] in tasks)]
-    for (task, target), moved in results.by_task(sorted(last, key=lambda row: results.place(row["row"]))).items():
+    for (task, target), moved in results.by_task(results.listed(last)).items():
         if task.startswith("point_maze"):
             maze_paths(folder / f"appendix-c-{task}.png", task, target, moved, out)
         else:

@@ -48,7 +48,7 @@ def page(found: dict[str, list[dict]], folder: Path) -> str:
     longer = [row for row in found["ablations"] if "+retrain_" in row["row"]]
     transfers, panels = results.moved(found["table1"]), overview_panels(found)
     measured = [row for _, own in results.by_task([*transfers, *found["ablations"]]).items()
-                for row in sorted(own, key=lambda row: results.place(row["row"])) if "closeness" in row]  # fmt: skip
+                for row in results.listed(own) if "closeness" in row]  # fmt: skip
     pictures = [{"caption": caption(path.stem.removeprefix("appendix-c-"), transfers),
                  "url": _data_url(path.read_bytes(), "png")}
                 for path in sorted(folder.glob("appendix-c-*.png"))]  # fmt: skip
@@ -164,7 +164,7 @@ def ablation_figures(found: dict[str, list[dict]]) -> list[str]:
                 and row["row"] in beside]  # fmt: skip
         if not base:
             continue
-        rows = sorted([*base, *ablated], key=lambda row: results.place(row["row"]))
+        rows = results.listed([*base, *ablated])
         figure, axes = figure_of(1, 1, (8.5, 0.32 * len(rows) + 1), "")
         axis = axes[0, 0]
         for place, row in enumerate(reversed(rows)):
@@ -195,7 +195,7 @@ def worth_table(rows: list[dict]) -> list[dict]:
     """What the target's expert, random actions and the retrained policies are worth to each reward, means a step."""
     return [{"pair": f"{row['task']} to {row['target']}", "row": results.name(row["row"]), "score": row["normalized"],
              "worth": [_mean(row["closeness"]["target"][f"worth, {who}"]) for who in WORTH]}
-            for row in rows if "worth, expert" in row["closeness"]["target"]]  # fmt: skip
+            for row in rows]  # fmt: skip
 
 
 def _mean(values: list[float | None]) -> float | None:
@@ -256,18 +256,19 @@ def caption(picture: str, transfers: list[dict]) -> str:
     Args:
       transfers: the rows that it may be of.
     """
-    task, rows = picture.removesuffix("-ways"), [row for row in transfers if row["rule"] == "last"]
+    task = picture.removesuffix("-ways")
     if task.startswith("point_maze"):
         return (f"{task}: each row's learned reward (its first seed's, of action 0; bright is high) and the paths of "
                 "every seed; above the policies that learned it, below fresh ones on it in the other maze")  # fmt: skip
     if picture != task:
         return (f"{task}: the ways of every seed; above the policies that learned each reward, below fresh ones "
                 "trained on it")  # fmt: skip
-    for row in rows:
-        name, seed = results.name(row["row"]), row["seeds"][0]
-        if row["row"] == figures.SHOWN and row["target"] == task:
+    name = results.name(figures.SHOWN)
+    for row in (row for row in transfers if row["row"] == figures.SHOWN and row["rule"] == "last"):
+        seed = row["seeds"][0]
+        if row["target"] == task:
             return f"{task}: a fresh policy on the reward of {name}, seed {seed}: true return {row['returns'][0]:.0f}"
-        if row["row"] == figures.SHOWN and row["task"] == task:
+        if row["task"] == task:
             return (f"{task}: the policy beside which {name} learned its reward, seed {seed}: true return "
                     f"{row['imitation_returns'][0]:.0f} (how well each imitates is in the first table)")  # fmt: skip
     return task

@@ -78,6 +78,11 @@ def in_order(rows: list[dict]) -> list[str]:
     return sorted({row["row"] for row in rows}, key=place)
 
 
+def listed(rows: list[dict]) -> list[dict]:
+    """Rows in the order in which they are listed everywhere."""
+    return sorted(rows, key=lambda row: place(row["row"]))
+
+
 def color(row: str) -> str:
     """The colour of a row and of its variants."""
     return COLORS.get(row.split("+")[0], "black")
