@@ -15,10 +15,10 @@ from eairl_jax.config import Config
 from eairl_jax.errors import InputError
 from eairl_jax.evaluate import evaluate, random_policy
 from eairl_jax.irl import RewardParams, learned_reward, make_irl, reward_function
+from eairl_jax.lanes import Lanes, scan
 from eairl_jax.methods import METHODS
-from eairl_jax.reward import LearnedReward, load_reward, save_reward
 from eairl_jax.rl import make_rl
-from eairl_jax.train import Lanes, scan
+from eairl_jax.saved_reward import LearnedReward, load_reward, save_reward
 from eairl_jax.types import Algorithm, Demonstrations, HParams, Transition
 from eairl_jax.version import __version__
 

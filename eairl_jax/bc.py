@@ -5,9 +5,9 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from eairl_jax import actor, optimize
+from eairl_jax import agent, train_state
 from eairl_jax.config import Config
-from eairl_jax.optimizers import make_optimizer
+from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.rl import RLState, make_rl
 from eairl_jax.types import Algorithm, Demonstrations, Env, HParams
 
@@ -24,9 +24,9 @@ def make_bc(env: Env, config: Config) -> Algorithm:
     optimizer = make_optimizer(env, config)
 
     def step(state: RLState, hparams: HParams, demos: Demonstrations):
-        hparams = hparams.at(actor.progress(state.actor, config))
+        hparams = hparams.at(agent.progress(state.actor, config))
         key, rollout_key, draw_key = jax.random.split(state.key, 3)
-        acting, raw = actor.collect(rollout_key, state.actor, env, optimizer, config)
+        acting, raw = agent.collect(rollout_key, state.actor, env, optimizer, config)
         policy = acting.policy
 
         def loss(params, x: Demonstrations):
@@ -34,12 +34,12 @@ def make_bc(env: Env, config: Config) -> Algorithm:
             log_prob = pi.log_prob(x.action).mean()
             return -log_prob, {"log_prob_expert": log_prob, "entropy": pi.entropy().mean()}
 
-        drawn = optimize.draw(
-            draw_key, actor.seen(demos, env, config), 2, config.discriminator_updates, config.discriminator_batch
+        drawn = train_state.draw(
+            draw_key, agent.seen(demos, env, config), 2, config.discriminator_updates, config.discriminator_batch
         )
-        nets, metrics = optimize.fit(policy.nets, loss, actor.normalized(acting, drawn), hparams.policy_lr)
+        nets, metrics = train_state.fit(policy.nets, loss, agent.normalized(acting, drawn), hparams.policy_lr)
         metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": jnp.zeros(())}
-        return RLState(key, actor.finish(acting, policy.replace(nets=nets), raw, config)), metrics
+        return RLState(key, agent.finish(acting, policy.replace(nets=nets), raw, config)), metrics
 
     # It begins and acts as any policy in training does; what it learns from is all that differs.
     return make_rl(env, config)._replace(step=step)

@@ -8,8 +8,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from eairl_jax.artefact import named_leaves
 from eairl_jax.errors import InputError
+from eairl_jax.storage import named_leaves
 from eairl_jax.types import PyTree
 
 KEPT = 2  # the newest, and the one before it

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eairl_jax import artefact
+from eairl_jax import storage
 from eairl_jax.errors import InputError
 from eairl_jax.types import Demonstrations
 
@@ -21,8 +21,8 @@ def save(path: Path | str, demos: Demonstrations, provenance: dict) -> None:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     arrays = {name: np.asarray(x, np.float32) for name, x in demos._asdict().items()}
-    artefact.write_arrays(path, arrays | {"task": np.asarray(provenance["task"])})
-    artefact.write_json(path.with_suffix(".json"), provenance)
+    storage.write_arrays(path, arrays | {"task": np.asarray(provenance["task"])})
+    storage.write_json(path.with_suffix(".json"), provenance)
 
 
 def load(
@@ -39,7 +39,7 @@ def load(
       InputError: if the file is missing or cut short, an array is missing, misshapen, or holds NaN or infinite
         values, or it demonstrates another task.
     """
-    arrays = artefact.read_arrays(Path(path))
+    arrays = storage.read_arrays(Path(path))
     missing = [name for name in Demonstrations._fields if name not in arrays]
     if missing:
         raise InputError(f"{path} lacks {', '.join(missing)}; demonstrations have {', '.join(Demonstrations._fields)}")
@@ -81,4 +81,4 @@ def provenance(path: Path | str) -> dict:
     Raises:
       InputError: if it is missing or no JSON.
     """
-    return artefact.read_json(Path(path).with_suffix(".json"))
+    return storage.read_json(Path(path).with_suffix(".json"))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from eairl_jax import optimize
+from eairl_jax import train_state
 from eairl_jax.config import Config
 from eairl_jax.methods import METHODS
 from eairl_jax.nets import scalar
@@ -157,10 +157,10 @@ def loss(params: PyTree, expert: Samples, policy: Samples, hparams: HParams, con
 
 
 def fit(
-    fitted: optimize.Fitted, expert: Samples, policy: Samples, hparams: HParams, config: Config
-) -> tuple[optimize.Fitted, Metrics]:
+    fitted: train_state.Fitted, expert: Samples, policy: Samples, hparams: HParams, config: Config
+) -> tuple[train_state.Fitted, Metrics]:
     """Updates D on minibatches `[updates, batch, length, ...]` of the expert and of the policy's history."""
-    fitted, metrics = optimize.fit(
+    fitted, metrics = train_state.fit(
         fitted, lambda params, pair: loss(params, *pair, hparams, config), (expert, policy), hparams.discriminator_lr
     )
     metrics["accuracy"] = 0.5 * (metrics["accuracy_expert"] + metrics["accuracy_policy"])

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from eairl_jax import optimize
+from eairl_jax import train_state
 from eairl_jax.config import Config
 from eairl_jax.gaussian import Gaussian
 from eairl_jax.nets import GaussianMLP, scalar
@@ -50,8 +50,8 @@ def l_q(q: Gaussian, action: jax.Array, loss: str) -> jax.Array:
 class Empowerment:
     """The inverse model q, the potential Phi and its slow copy Phi', with their optimisers."""
 
-    inverse: optimize.Fitted
-    phi: optimize.Fitted
+    inverse: train_state.Fitted
+    phi: train_state.Fitted
     phi_target: PyTree
 
 
@@ -61,7 +61,7 @@ def init(key: Key, obs_size: int, action_size: int, config: Config) -> Empowerme
     obs = jnp.zeros((1, obs_size))
     phi = scalar(config).init(phi_key, obs)
     inverse = GaussianMLP(action_size, config).init(q_key, obs, obs)
-    return Empowerment(optimize.start(inverse), optimize.start(phi), jax.tree.map(jnp.copy, phi))
+    return Empowerment(train_state.start(inverse), train_state.start(phi), jax.tree.map(jnp.copy, phi))
 
 
 def q_distribution(params: PyTree, x, config: Config, limit: float = 1.0) -> Gaussian:
@@ -114,7 +114,9 @@ def fit(
         loss = l_q(q_distribution(params, x, config, limit), x.action, config.inverse_loss).mean()
         return loss, {"l_q": loss}
 
-    inverse, q_metrics = optimize.fit(state.inverse, q_loss, optimize.draw(q_key, batch, *count), hparams.inverse_lr)
+    inverse, q_metrics = train_state.fit(
+        state.inverse, q_loss, train_state.draw(q_key, batch, *count), hparams.inverse_lr
+    )
 
     def phi_loss(params, minibatch):
         obs, own = minibatch
@@ -122,9 +124,9 @@ def fit(
         loss = l_i(own.log_q, own.log_prob, potential, hparams.beta, config.l_i_power).mean()
         return loss, {"l_i": loss, "empowerment": potential.mean(), "empowerment_std": potential.std()}
 
-    x = optimize.draw(phi_key, batch, *count)
+    x = train_state.draw(phi_key, batch, *count)
     own = terms(jax.random.fold_in(phi_key, 1), inverse.params, pi(x.obs), x, config, limit)
-    fitted, phi_metrics = optimize.fit(state.phi, phi_loss, (x.obs, own), hparams.phi_lr)
+    fitted, phi_metrics = train_state.fit(state.phi, phi_loss, (x.obs, own), hparams.phi_lr)
     return Empowerment(inverse, fitted, state.phi_target), q_metrics | phi_metrics
 
 

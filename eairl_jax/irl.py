@@ -11,9 +11,19 @@ from collections.abc import Callable
 import jax
 from flax import struct
 
-from eairl_jax import actor, discriminator, empowerment, history, methods, normalize, optimize, rollout, samples
+from eairl_jax import (
+    agent,
+    discriminator,
+    discriminator_data,
+    empowerment,
+    methods,
+    normalize,
+    replay,
+    rollout,
+    train_state,
+)
 from eairl_jax.config import Config
-from eairl_jax.optimizers import make_optimizer
+from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.types import Algorithm, Demonstrations, Env, HParams, Key, PyTree
 
 
@@ -30,10 +40,10 @@ class IRLState:
     """
 
     key: Key
-    actor: actor.Actor
+    actor: agent.Actor
     empowerment: empowerment.Empowerment | None
-    discriminator: optimize.Fitted
-    history: history.History
+    discriminator: train_state.Fitted
+    history: replay.History
 
 
 @struct.dataclass
@@ -51,7 +61,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
       InputError: for an unknown method, an environment without flat observations, or trajectories that rollouts cut.
     """
     config = methods.resolve(config)
-    samples.check_segments(config)
+    discriminator_data.check_segments(config)
     obs_size, action_size = normalize.flat_size(env), env.action_size
     optimizer = make_optimizer(env, config)
     limit = rollout.action_limit(env)
@@ -62,21 +72,21 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         key, actor_key, empowerment_key, d_key = jax.random.split(key, 4)
         return IRLState(
             key=key,
-            actor=actor.init(actor_key, env, optimizer, config),
+            actor=agent.init(actor_key, env, optimizer, config),
             empowerment=empowerment.init(empowerment_key, obs_size, action_size, config) if uses_empowerment else None,
-            discriminator=optimize.start(discriminator.init(d_key, obs_size, action_size, config)),
-            history=history.empty(obs_size, action_size, config),
+            discriminator=train_state.start(discriminator.init(d_key, obs_size, action_size, config)),
+            history=replay.empty(obs_size, action_size, config),
         )
 
     def step(state: IRLState, hparams: HParams, demos: Demonstrations):
-        hparams = hparams.at(actor.progress(state.actor, config))
+        hparams = hparams.at(agent.progress(state.actor, config))
         key, tau_key, emp_key, d_key, pi_key = jax.random.split(state.key, 5)
         fresh_key, past_key = (jax.random.fold_in(tau_key, i) for i in (1, 2))
 
         # tau ~ pi
-        acting = actor.restarted(fresh_key, state.actor, optimizer, config)
-        acting, raw = actor.collect(tau_key, acting, env, optimizer, config)
-        past, tau = history.add(past_key, state.history, raw, config), actor.normalized(acting, raw)
+        acting = agent.restarted(fresh_key, state.actor, optimizer, config)
+        acting, raw = agent.collect(tau_key, acting, env, optimizer, config)
+        past, tau = replay.add(past_key, state.history, raw, config), agent.normalized(acting, raw)
         pi = functools.partial(optimizer.distribution, acting.policy)
 
         # phi, varphi: the inverse model by l_q, then the empowerment by l_I
@@ -85,8 +95,8 @@ def make_irl(env: Env, config: Config) -> Algorithm:
 
         # xi: the discriminator, hence the reward
         def fit_discriminator(emp):
-            expert, policy = samples.draw(d_key, actor.seen(demos, env, config), past, raw, config)
-            pair = (samples.prepare(x, pi, emp, acting, hparams, config) for x in (expert, policy))
+            expert, policy = discriminator_data.draw(d_key, agent.seen(demos, env, config), past, raw, config)
+            pair = (discriminator_data.prepare(x, pi, emp, acting, hparams, config) for x in (expert, policy))
             return discriminator.fit(state.discriminator, *pair, hparams, config)
 
         if config.update_order == "discriminator_first":
@@ -97,7 +107,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
             d, d_metrics = fit_discriminator(emp)
 
         # theta: the policy, on the reward as it now is, and on l_I
-        seen = samples.prepare(raw, None, emp, acting, hparams, config, scoring=True)
+        seen = discriminator_data.prepare(raw, None, emp, acting, hparams, config, scoring=True)
         logit = discriminator.logit_expert_high(d.params, seen, discriminator.shaping_discount(hparams, config), config)
         tau = tau._replace(reward=methods.METHODS[config.method].policy_reward(logit))
         l_i_key = jax.random.fold_in(pi_key, 1)
@@ -105,7 +115,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         policy, pi_metrics = optimizer.update(pi_key, acting.policy, tau, penalty, penalty_data, hparams)
 
         # varphi': the slow copy of the empowerment
-        acting = actor.finish(acting, policy, raw, config)
+        acting = agent.finish(acting, policy, raw, config)
         emp = empowerment.sync(emp, acting.iteration, config) if emp else None
 
         metrics |= d_metrics | pi_metrics
@@ -113,7 +123,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         return IRLState(key, acting, emp, d, past), metrics
 
     def act(state: IRLState, obs, key=None):
-        return actor.sample(state.actor, obs, key, optimizer)
+        return agent.sample(state.actor, obs, key, optimizer)
 
     return Algorithm(init, step, act)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from eairl_jax import optimize
+from eairl_jax import train_state
+from eairl_jax.actor_critic import Batch, Networks, PolicyState, minibatches
 from eairl_jax.config import Config
-from eairl_jax.policy import Batch, Networks, PolicyState, minibatches
 from eairl_jax.types import PolicyOptimizer
 
 
@@ -37,8 +37,8 @@ def ppo(obs_size: int, action_size: int, config: Config, action_limit: float = 1
             gradient, metrics = jax.grad(loss, has_aux=True)(
                 fitted.params, policy.log_std_offset, minibatch, penalty, hparams
             )
-            gradient = optimize.clip_norm(gradient, hparams.max_grad_norm)
-            return optimize.descend(fitted, gradient, hparams.policy_lr), metrics
+            gradient = train_state.clip_norm(gradient, hparams.max_grad_norm)
+            return train_state.descend(fitted, gradient, hparams.policy_lr), metrics
 
         fitted, metrics = jax.lax.scan(step, policy.nets, rows)
         policy = policy.replace(nets=fitted)  # pyright: ignore

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import jax
 from flax import struct
 
-from eairl_jax import actor
+from eairl_jax import agent
 from eairl_jax.config import Config
-from eairl_jax.optimizers import make_optimizer
+from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.types import Algorithm, Env, HParams, Key, PyTree, Transition, no_penalty
 
 
@@ -18,7 +18,7 @@ class RLState:
     """A run between two iterations."""
 
     key: Key
-    actor: actor.Actor
+    actor: agent.Actor
 
 
 def true_reward(_data: PyTree, batch: Transition) -> jax.Array:
@@ -41,19 +41,19 @@ def make_rl(
     def init(key: Key, hparams: HParams) -> RLState:
         del hparams  # no rate is part of the state
         key, actor_key = jax.random.split(key)
-        return RLState(key, actor.init(actor_key, env, optimizer, config))
+        return RLState(key, agent.init(actor_key, env, optimizer, config))
 
     def step(state: RLState, hparams: HParams, data: PyTree):
-        hparams = hparams.at(actor.progress(state.actor, config))
+        hparams = hparams.at(agent.progress(state.actor, config))
         key, rollout_key, update_key = jax.random.split(state.key, 3)
-        acting, raw = actor.collect(rollout_key, state.actor, env, optimizer, config)
+        acting, raw = agent.collect(rollout_key, state.actor, env, optimizer, config)
         given = reward(data, raw)
-        batch = actor.normalized(acting, raw)._replace(reward=given - hparams.temperature * raw.log_prob)
+        batch = agent.normalized(acting, raw)._replace(reward=given - hparams.temperature * raw.log_prob)
         policy, metrics = optimizer.update(update_key, acting.policy, batch, no_penalty, (), hparams)
         metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": given.mean()}
-        return RLState(key, actor.finish(acting, policy, raw, config)), metrics
+        return RLState(key, agent.finish(acting, policy, raw, config)), metrics
 
     def act(state: RLState, obs, key=None):
-        return actor.sample(state.actor, obs, key, optimizer)
+        return agent.sample(state.actor, obs, key, optimizer)
 
     return Algorithm(init, step, act)

@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
-from eairl_jax import optimize
+from eairl_jax import train_state
+from eairl_jax.actor_critic import Batch, Networks, PolicyState, minibatches
 from eairl_jax.config import Config
 from eairl_jax.gaussian import Gaussian
-from eairl_jax.policy import Batch, Networks, PolicyState, minibatches
 from eairl_jax.types import PolicyOptimizer
 
 Vector = jax.Array
@@ -33,7 +33,7 @@ def conjugate_gradient(product: Callable[[Vector], Vector], b: Vector, steps: in
 
     def step(carry, _):
         x, residual, direction, rr = carry
-        rr = optimize.in_library(rr)
+        rr = train_state.in_library(rr)
         a_direction = product(direction)
         # Once solved, residual and direction are 0 and so is every further step.
         alpha = rr / jnp.maximum(direction @ a_direction, 1e-20)
@@ -59,7 +59,7 @@ def line_search(
       The parameters reached (theta itself if no step will do) and the fraction of the full step taken.
     """
     fractions = 0.5 ** jnp.arange(steps)
-    loss, kl = jax.lax.map(lambda fraction: objective(theta + optimize.in_library(fraction) * full_step), fractions)
+    loss, kl = jax.lax.map(lambda fraction: objective(theta + train_state.in_library(fraction) * full_step), fractions)
     good = (loss < objective(theta)[0]) & (kl <= kl_limit)  # a NaN is not good
     fraction = jnp.where(good.any(), fractions[good.argmax()], 0.0)
     return jnp.where(fraction > 0, theta + fraction * full_step, theta), fraction
@@ -110,7 +110,7 @@ def trpo(obs_size: int, action_size: int, config: Config, action_limit: float = 
 
         # The actor has no gradient here, hence no Adam step; it moves by the natural gradient alone.
         drawn = jax.tree.map(lambda x: x[rows], samples)
-        fitted, metrics = optimize.fit(policy.nets, value_loss, drawn, hparams.policy_lr)
+        fitted, metrics = train_state.fit(policy.nets, value_loss, drawn, hparams.policy_lr)
         moved = fitted.params | {"actor": unravel(reached)}
         fitted = fitted.replace(params=moved)  # pyright: ignore
         policy = policy.replace(nets=fitted, log_std_offset=jnp.log(hparams.std_end))  # pyright: ignore

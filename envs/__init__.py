@@ -5,7 +5,7 @@ state = env.reset(jax.random.PRNGKey(0))
 state = env.step(state, action)
 """
 
-from envs.mjx_task import TaskError
-from envs.registry import TASKS, UnknownTask, make
+from eairl_jax.envs.mjx_task import TaskError
+from eairl_jax.envs.registry import TASKS, UnknownTask, make
 
 __all__ = ["TASKS", "TaskError", "UnknownTask", "make"]

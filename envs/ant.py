@@ -7,8 +7,8 @@ from collections.abc import Collection
 import jax.numpy as jnp
 import mujoco
 
-from envs.locomotion import Locomotion
-from envs.mjx_task import Camera, TaskError
+from eairl_jax.envs.locomotion import Locomotion
+from eairl_jax.envs.mjx_task import Camera, TaskError
 
 # Gymnasium's names, and the quarter of the plane (signs of x and y) in which each leg stands. Joints `hip_1` and
 # `ankle_1` are the first leg's.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import mujoco
 
-from envs.locomotion import Locomotion
-from envs.mjx_task import Camera
+from eairl_jax.envs.locomotion import Locomotion
+from eairl_jax.envs.mjx_task import Camera
 
 # 14 kg in all: Gymnasium's `settotalmass`, which mujoco 4 deprecates, turned into a density (kg/m^3).
 MJCF = """

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from envs.floor import Floor, newton
-from envs.mjx_task import MjxTask, Physics, TaskError, mjx
-from envs.one_kernel import for_one_kernel
-from envs.referee import GymnasiumReferee
-from envs.tree import tree_solver
+from eairl_jax.envs.c_engine import GymnasiumReferee
+from eairl_jax.envs.mjx_task import MjxTask, Physics, TaskError, mjx
+from eairl_jax.envs.physics.contact_solver import Floor, newton
+from eairl_jax.envs.physics.scatter_free import for_one_kernel
+from eairl_jax.envs.physics.tree_solver import tree_solver
 
 EULER, RK4 = mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4
 

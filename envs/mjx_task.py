@@ -16,10 +16,10 @@ with contextlib.redirect_stdout(io.StringIO()):  # both print about an optional 
     from brax.envs.base import Env, State
     from mujoco import mjx
 
-from envs.visuals import dress
+from eairl_jax.envs.visuals import dress
 
 if TYPE_CHECKING:
-    from envs.referee import Referee
+    from eairl_jax.envs.c_engine import Referee
 
 
 class Camera(NamedTuple):
@@ -111,7 +111,7 @@ class MjxTask(Env):
 
     def referee(self) -> Referee:
         """One environment of this task in the C engine, with every iteration that its solver needs."""
-        from envs.referee import ModelReferee  # which builds on this module
+        from eairl_jax.envs.c_engine import ModelReferee  # which builds on this module
 
         return ModelReferee(self)
 

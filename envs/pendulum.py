@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import mujoco
 
-from envs.mjx_task import Camera, MjxTask, Physics
-from envs.referee import PendulumReferee
+from eairl_jax.envs.c_engine import PendulumReferee
+from eairl_jax.envs.mjx_task import Camera, MjxTask, Physics
 
 MAX_SPEED = 8.0  # rad/s
 

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 
-from envs.mjx_task import Camera, MjxTask, TaskError
+from eairl_jax.envs.mjx_task import Camera, MjxTask, TaskError
 
 SIDE = 0.6  # m, L in the paper's release
 START = (SIDE / 2, 0.0)

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from functools import partial
 from types import MappingProxyType
 
-from envs.ant import Ant
-from envs.half_cheetah import HalfCheetah
-from envs.mjx_task import MjxTask, TaskError
-from envs.pendulum import Pendulum
-from envs.point_maze import PointMaze
-from envs.swimmer import Swimmer
+from eairl_jax.envs.ant import Ant
+from eairl_jax.envs.half_cheetah import HalfCheetah
+from eairl_jax.envs.mjx_task import MjxTask, TaskError
+from eairl_jax.envs.pendulum import Pendulum
+from eairl_jax.envs.point_maze import PointMaze
+from eairl_jax.envs.swimmer import Swimmer
 
 TASKS: MappingProxyType[str, Callable[..., MjxTask]] = MappingProxyType(
     {

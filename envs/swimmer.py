@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import mujoco
 
-from envs.locomotion import Locomotion
-from envs.mjx_task import Camera
+from eairl_jax.envs.locomotion import Locomotion
+from eairl_jax.envs.mjx_task import Camera
 
 MJCF = """
 <mujoco>

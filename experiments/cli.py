@@ -69,7 +69,7 @@ class Tasks:
     """List the tasks: sizes, episode length, and what the shipped expert and random actions score."""
 
     def run(self, line: str) -> None:
-        from experiments import tasks
+        from eairl_jax.experiments.commands import tasks
 
         tasks.command()
 
@@ -88,7 +88,7 @@ class Expert:
     set: Set = ()
 
     def run(self, line: str) -> None:
-        from experiments import expert
+        from eairl_jax.experiments.commands import expert
 
         expert.command(self.task, self.seeds, self.out, (f"optimizer={self.optimizer}", *self.set), line)
 
@@ -108,7 +108,7 @@ class Collect:
     out: Annotated[Path | None, own_default(metavar="FILE", help="Where to write. Default: demos/TASK.npz.")] = None
 
     def run(self, line: str) -> None:
-        from experiments import demos
+        from eairl_jax.experiments.commands import demos
 
         demos.command(self.task, self.expert, self.episodes, self.seed, self.out, line)
 
@@ -133,9 +133,9 @@ class Imitate:
     set: Set = ()
 
     def run(self, line: str) -> None:
-        from experiments import imitate
+        from eairl_jax.experiments.pipeline import learn
 
-        imitate.command(self.task, self.method, self.reward_form, seed_range(self), self.demos, self.out,
+        learn.command(self.task, self.method, self.reward_form, seed_range(self), self.demos, self.out,
                         (f"optimizer={self.optimizer}", *self.set), line, self.tuned)  # fmt: skip
 
 
@@ -160,7 +160,7 @@ class Sweep:
     ] = ()
 
     def run(self, line: str) -> None:
-        from experiments import sweep
+        from eairl_jax.experiments.commands import sweep
 
         sweep.command(self.task, (self.method,), (self.reward_form,), seed_range(self), self.demos, self.out,
                       (f"optimizer={self.optimizer}", *self.set), line)  # fmt: skip
@@ -209,7 +209,7 @@ class Transfer:
     ] = None  # fmt: skip
 
     def run(self, line: str) -> None:
-        from experiments import transfer
+        from eairl_jax.experiments.pipeline import transfer
 
         if self.reward is not None:
             learning = ("method", "reward_form", "tuned", "seeds", "first_seed", "rule", "demos", "set")
@@ -244,9 +244,9 @@ class Reproduce:
                                         "experiments/results; of --quick, where the runs are.")] = None  # fmt: skip
 
     def run(self, line: str) -> None:
-        from experiments import reproduce
+        from eairl_jax.experiments.paper import plan
 
-        reproduce.command(self.name, self.quick, self.seeds, self.task, self.out, self.results, line)
+        plan.command(self.name, self.quick, self.seeds, self.task, self.out, self.results, line)
 
 
 @dataclass
@@ -258,7 +258,7 @@ class Report:
     out: Annotated[Path | None, own_default(metavar="FILE", help="Where to write. Default: runs/report.html.")] = None
 
     def run(self, line: str) -> None:
-        from experiments import report
+        from eairl_jax.experiments.paper import report
 
         report.command(self.results, self.out)
 
@@ -284,7 +284,7 @@ class Evaluate:
     json: Annotated[Path | None, own_default(metavar="FILE", help="Write every episode's return here as well.")] = None
 
     def run(self, line: str) -> None:
-        from experiments import evaluate
+        from eairl_jax.experiments.commands import evaluate
 
         evaluate.command(self.run_folder, self.engine, self.episodes, self.mean_action, self.json, line)
 
@@ -301,7 +301,7 @@ class View:
     out: Annotated[Path | None, own_default(metavar="DIR", help="Where to write. Default: RUN/view.")] = None
 
     def run(self, line: str) -> None:
-        from experiments import view
+        from eairl_jax.experiments.commands import view
 
         view.command(self.run_folder, self.seed, self.out)
 
@@ -320,7 +320,7 @@ class Bench:
     set: Set = ()
 
     def run(self, line: str) -> None:
-        from experiments import bench
+        from eairl_jax.experiments.commands import bench
 
         bench.command(self.task, self.method, self.reward_form, self.demos, self.json, self.set, self.iterations, line)
 
@@ -351,7 +351,7 @@ def main(arguments: list[str] | None = None) -> None:
     )
     configure_jax()
     from eairl_jax import InputError
-    from experiments.training import Diverged
+    from eairl_jax.experiments.pipeline.train import Diverged
 
     try:
         command.run(shlex.join(["eairl", *arguments]))

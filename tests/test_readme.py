@@ -21,7 +21,7 @@ def test_the_example_runs(capsys):
 
 @pytest.mark.parametrize("command", sorted(set(re.findall(r"^eairl (\w+)", README.read_text(), flags=re.MULTILINE))))
 def test_its_commands_exist(command, capsys):
-    from experiments import cli
+    from eairl_jax.experiments import cli
 
     with pytest.raises(SystemExit) as stopped:
         cli.main([command, "--help"])

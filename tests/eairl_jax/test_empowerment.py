@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eairl_jax import HParams, Transition, empowerment, optimize
+from eairl_jax import HParams, Transition, empowerment, train_state
 from eairl_jax.gaussian import Gaussian
 from eairl_jax.methods import resolve
 
@@ -48,7 +48,7 @@ def test_phi_becomes_the_channels_capacity_and_pi_achieves_it():
         def l_q(logits):
             return -(joint * jax.nn.log_softmax(logits, axis=1)).sum()
 
-        inverse = optimize.descend(inverse, jax.grad(l_q)(inverse.params), 0.02)
+        inverse = train_state.descend(inverse, jax.grad(l_q)(inverse.params), 0.02)
         log_q = jax.nn.log_softmax(inverse.params, axis=1)
 
         def l_i(tables):
@@ -56,11 +56,11 @@ def test_phi_becomes_the_channels_capacity_and_pi_achieves_it():
             phi = tables["phi"][:, None, None]
             return (joint * empowerment.l_i(log_q, log_pi, phi, 1.0, 2)).sum()
 
-        return (inverse, optimize.descend(tables, jax.grad(l_i)(tables.params), 0.02)), None
+        return (inverse, train_state.descend(tables, jax.grad(l_i)(tables.params), 0.02)), None
 
     start = (
-        optimize.start(0.1 * jnp.sin(1.0 + index + jnp.arange(3))),
-        optimize.start({"pi": jnp.zeros((3, 3)), "phi": jnp.zeros(3)}),
+        train_state.start(0.1 * jnp.sin(1.0 + index + jnp.arange(3))),
+        train_state.start({"pi": jnp.zeros((3, 3)), "phi": jnp.zeros(3)}),
     )
     (_, tables), _ = jax.jit(lambda s: jax.lax.scan(update, s, length=3000))(start)
     for s, channel in enumerate(CHANNELS):

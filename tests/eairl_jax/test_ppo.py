@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eairl_jax import HParams, optimize
+from eairl_jax import HParams, train_state
+from eairl_jax.actor_critic import scale_rewards
 from eairl_jax.gae import gae
-from eairl_jax.policy import scale_rewards
 from eairl_jax.ppo import ppo
 from eairl_jax.types import no_penalty
 
@@ -48,7 +48,7 @@ def test_the_first_step_is_the_plain_policy_gradient(problem, mlp):
 
     def reinforce(nets):
         params = policy.nets.params | nets
-        pi = optimizer.distribution(policy.replace(nets=optimize.start(params)), batch.obs)
+        pi = optimizer.distribution(policy.replace(nets=train_state.start(params)), batch.obs)
         return -(advantage * pi.log_prob(batch.action)).mean()
 
     gradient = jax.grad(reinforce)({"actor": policy.nets.params["actor"]})["actor"]

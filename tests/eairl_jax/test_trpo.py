@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-import envs
-from eairl_jax import HParams, Lanes, evaluate, make_rl
-from eairl_jax.policy import Networks
+from eairl_jax import HParams, Lanes, envs, evaluate, make_rl
+from eairl_jax.actor_critic import Networks
 from eairl_jax.trpo import conjugate_gradient, fisher_vector_product, line_search, trpo
 from eairl_jax.types import no_penalty
 
@@ -256,8 +255,8 @@ def test_the_std_follows_its_schedule(trained):
 @pytest.mark.slow
 def test_trpo_makes_as_good_a_pendulum_expert_as_ppo():
     """The best of two seeds, by the recipe of `eairl expert pendulum --optimizer trpo`."""
-    from experiments.reference import shipped
-    from experiments.settings import recipe
+    from eairl_jax.experiments.pipeline.scores import shipped
+    from eairl_jax.experiments.recipes import recipe
 
     with_ppo = json.loads(shipped("pendulum").with_suffix(".json").read_text())["expert_return"]
     env = envs.make("pendulum")

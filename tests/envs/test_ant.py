@@ -5,9 +5,9 @@ import mujoco
 import numpy as np
 import pytest
 
-import envs
-from envs.ant import LEGS, MOTORS
-from envs.mjx_task import Physics
+from eairl_jax import envs
+from eairl_jax.envs.ant import LEGS, MOTORS
+from eairl_jax.envs.mjx_task import Physics
 
 
 def of_leg(model, number):

@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 import pytest
 
-import envs
-from envs.mjx_task import Physics
+from eairl_jax import envs
+from eairl_jax.envs.mjx_task import Physics
 
 STEPS, EPISODE = 400, 40
 TASKS = ("ant", "crippled_ant", "half_cheetah", "swimmer")

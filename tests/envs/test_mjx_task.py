@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import envs
-from envs.mjx_task import Env
-from envs.swimmer import Swimmer
+from eairl_jax import envs
+from eairl_jax.envs.mjx_task import Env
+from eairl_jax.envs.swimmer import Swimmer
 
 
 @pytest.fixture(params=envs.TASKS)

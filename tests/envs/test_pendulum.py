@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import envs
-from envs.mjx_task import Physics
+from eairl_jax import envs
+from eairl_jax.envs.mjx_task import Physics
 
 LENGTH = 200
 # angle, speed: hanging, upright, spinning either way at and beyond the limit of 8 rad/s, far from [-pi, pi].

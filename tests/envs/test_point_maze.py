@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-import envs
-from envs.mjx_task import Physics
-from envs.point_maze import GOAL, START
+from eairl_jax import envs
+from eairl_jax.envs.mjx_task import Physics
+from eairl_jax.envs.point_maze import GOAL, START
 
 LENGTH = 300
 PUSHES, RANDOM = slice(0, 8), slice(8, 14)  # the scripts below that push steadily, and those drawn at random

@@ -2,7 +2,7 @@
 
 import pytest
 
-import envs
+from eairl_jax import envs
 
 SIZES = {"pendulum": (3, 1), "point_maze_left": (2, 2), "point_maze_right": (2, 2), "ant": (27, 8),
          "crippled_ant": (27, 8), "half_cheetah": (17, 6), "swimmer": (8, 2)}  # fmt: skip

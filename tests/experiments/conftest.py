@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from experiments import cli
+from eairl_jax.experiments import cli
 
 TINY = (
     "num_envs=2",
@@ -27,9 +27,9 @@ TINY = (
 @pytest.fixture
 def tiny(monkeypatch):
     """`--set` arguments of a tiny run; evaluations are a few episodes."""
-    monkeypatch.setattr("experiments.training.EVALUATION_EPISODES", 2)
-    monkeypatch.setattr("experiments.demos.SCORE_EPISODES", 2)
-    monkeypatch.setattr("experiments.reference.SCORE_EPISODES", 2)
+    monkeypatch.setattr("eairl_jax.experiments.pipeline.train.EVALUATION_EPISODES", 2)
+    monkeypatch.setattr("eairl_jax.experiments.commands.demos.SCORE_EPISODES", 2)
+    monkeypatch.setattr("eairl_jax.experiments.pipeline.scores.SCORE_EPISODES", 2)
     return TINY
 
 
@@ -38,7 +38,7 @@ def trained(tmp_path_factory):
     """The folder of a tiny `imitate`, for `finished` to copy: trained once a session."""
     folder = tmp_path_factory.mktemp("trained") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("experiments.training.EVALUATION_EPISODES", 2)
+        patch.setattr("eairl_jax.experiments.pipeline.train.EVALUATION_EPISODES", 2)
         cli.main(["imitate", "pendulum", "--seeds", "2", "--out", str(folder), "--set", *TINY])
     return folder
 

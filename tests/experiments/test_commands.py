@@ -10,17 +10,19 @@ import jax
 import numpy as np
 import pytest
 
-import envs
-from eairl_jax import Checkpoints, InputError, LearnedReward, load_reward
+from eairl_jax import Checkpoints, InputError, LearnedReward, envs, load_reward
+from eairl_jax.experiments import cli
+from eairl_jax.experiments.commands import bench
+from eairl_jax.experiments.display.plots import Row, print_table
+from eairl_jax.experiments.paper import plan
+from eairl_jax.experiments.paper.plan import Entry
+from eairl_jax.experiments.pipeline import train, transfer
+from eairl_jax.experiments.pipeline.learn import describe, prepare, untrained
+from eairl_jax.experiments.pipeline.retrain import as_target
+from eairl_jax.experiments.pipeline.run_folder import digest
+from eairl_jax.experiments.pipeline.select import Rule
+from eairl_jax.experiments.recipes import parse_overrides, recipe
 from eairl_jax.methods import METHODS, names
-from experiments import bench, cli, reproduce, training, transfer
-from experiments.folder import digest
-from experiments.imitate import describe, prepare, untrained
-from experiments.reproduce import Entry
-from experiments.retrain import as_target
-from experiments.rules import Rule
-from experiments.settings import parse_overrides, recipe
-from experiments.summary import Row, print_table
 
 
 def run(*arguments):
@@ -94,10 +96,10 @@ def test_a_killed_run_goes_on_bit_identically(finished, tmp_path, tiny, monkeypa
                 raise KeyboardInterrupt
             super().save(iteration, state)
 
-    monkeypatch.setattr(training, "Checkpoints", Killed)
+    monkeypatch.setattr(train, "Checkpoints", Killed)
     assert imitate(tmp_path / "killed", tiny) == 130
     assert Checkpoints(tmp_path / "killed" / "checkpoints").latest() == 2
-    monkeypatch.setattr(training, "Checkpoints", Checkpoints)
+    monkeypatch.setattr(train, "Checkpoints", Checkpoints)
     assert imitate(tmp_path / "killed", tiny) == 0
     for name in ("metrics.csv", "reward/reward.npz"):
         assert (tmp_path / "killed" / name).read_bytes() == (finished / name).read_bytes(), name
@@ -368,7 +370,7 @@ def test_nan_stops_the_run_and_keeps_the_last_good_checkpoint(tmp_path, tiny, mo
 
 def damaged(folder, change):
     """A copy of the shipped pendulum demonstrations with one thing wrong."""
-    from experiments.reference import shipped
+    from eairl_jax.experiments.pipeline.scores import shipped
 
     with np.load(shipped("pendulum")) as archive:
         arrays = change(dict(archive))
@@ -477,7 +479,7 @@ def test_a_setting_that_is_new_leaves_an_older_run_what_it_was(finished, tiny, c
 
 
 def test_a_disk_that_fails_is_reported_and_nothing_is_lost(tmp_path, tiny, monkeypatch, capsys):
-    from experiments.folder import Folder
+    from eairl_jax.experiments.pipeline.run_folder import Folder
 
     def full(*_arguments, **_more):
         raise OSError(28, "No space left on device", "metrics.csv")
@@ -494,8 +496,8 @@ def test_a_disk_that_fails_is_reported_and_nothing_is_lost(tmp_path, tiny, monke
 
 def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys):
     entries = [Entry(task, "bc") for task in ("pendulum", "point_maze_left", "ant")]
-    monkeypatch.setattr(reproduce, "EXPERIMENTS", {"table2": entries})
-    monkeypatch.setattr(reproduce, "short", lambda quick: tiny[:2] + tiny[-2:])
+    monkeypatch.setattr(plan, "EXPERIMENTS", {"table2": entries})
+    monkeypatch.setattr(plan, "short", lambda quick: tiny[:2] + tiny[-2:])
     arguments = ["reproduce", "table2", "--quick", "--out", tmp_path]  # of these tasks the ant is not a quick one
     assert run(*arguments) == 0
     printed = capsys.readouterr().out
@@ -515,10 +517,10 @@ def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys):
     # Rows of other seeds or settings are not replaced.
     capsys.readouterr()
     with monkeypatch.context() as patch:
-        patch.setattr(reproduce, "QUICK_SEEDS", 1)
+        patch.setattr(plan, "QUICK_SEEDS", 1)
         assert run(*arguments) == 2
         assert "holds bc of point_maze_left with seeds 20 to 21" in capsys.readouterr().err
-    monkeypatch.setattr(reproduce, "short", lambda quick: (*tiny[:2], *tiny[-2:], "policy_lr=0.5"))
+    monkeypatch.setattr(plan, "short", lambda quick: (*tiny[:2], *tiny[-2:], "policy_lr=0.5"))
     assert run(*arguments) == 2
     assert "holds bc of point_maze_left with other settings" in capsys.readouterr().err
 
@@ -531,14 +533,14 @@ def test_every_method_has_a_recipe_for_every_task(task):
 
 
 def test_every_entry_is_checked_before_anything_is_trained():
-    for listed in reproduce.EXPERIMENTS.values():
+    for listed in plan.EXPERIMENTS.values():
         assert len({entry.identity for entry in listed}) == len(listed)
         seen = {}
         for entry in listed:
             key = dataclasses.replace(entry, rule="last", target=entry.target and "any")
-            job = seen.setdefault(key, None) or reproduce.prepare(entry, 5, quick=False)
+            job = seen.setdefault(key, None) or plan.prepare(entry, 5, quick=False)
             seen[key] = job
-            assert entry.row == "+".join(filter(None, (job.row, reproduce.retrain_variant(entry.retrain))))
+            assert entry.row == "+".join(filter(None, (job.row, plan.retrain_variant(entry.retrain))))
             if entry.target:
                 overrides = parse_overrides(entry.retrain)
                 Rule.parse(entry.rule, job.recipe, recipe(entry.task, job.env, "retrain", overrides))
@@ -550,9 +552,9 @@ def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys):
     eairl = [Entry(pair[0], "eairl", "default", pair[1], rule) for rule in ("last", "policy", "random")]
     changed = Entry(pair[0], "eairl", "default", pair[1], settings=("lambda_i=0",))
     retrained = Entry(pair[0], "eairl", "default", pair[1], retrain=("entropy_weight=1",))
-    monkeypatch.setattr(reproduce, "EXPERIMENTS", {"table1": eairl, "table2": [], "ablations": [changed, retrained]})
-    monkeypatch.setattr(reproduce, "short", lambda quick: tiny[:2] + tiny[-2:])
-    monkeypatch.setattr("experiments.closeness.TRANSITIONS", 16)
+    monkeypatch.setattr(plan, "EXPERIMENTS", {"table1": eairl, "table2": [], "ablations": [changed, retrained]})
+    monkeypatch.setattr(plan, "short", lambda quick: tiny[:2] + tiny[-2:])
+    monkeypatch.setattr("eairl_jax.experiments.paper.reward_distance.TRANSITIONS", 16)
     assert run("reproduce", "all", "--quick", "--out", tmp_path) == 0
     rows = json.loads((tmp_path / "table1.json").read_text())["rows"]
     assert [(r["rule"], r["target"]) for r in rows] == [
@@ -596,9 +598,9 @@ def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys):
 
 
 def test_the_cheapest_rows_come_first():
-    ant, maze = (Entry(source, "eairl", target=target) for source, target in (reproduce.ANTS, reproduce.MAZES[0]))
-    plan = {"table1": [ant, maze], "ablations": [maze], "table2": [Entry("ant", "bc"), Entry("pendulum", "bc")]}
-    assert [(experiment, entry.task, entry.target) for experiment, entry in reproduce.cheapest_first(plan)] == [
+    ant, maze = (Entry(source, "eairl", target=target) for source, target in (plan.ANTS, plan.MAZES[0]))
+    planned = {"table1": [ant, maze], "ablations": [maze], "table2": [Entry("ant", "bc"), Entry("pendulum", "bc")]}
+    assert [(experiment, entry.task, entry.target) for experiment, entry in plan.cheapest_first(planned)] == [
         ("table1", "point_maze_left", "point_maze_right"), ("table2", "pendulum", None), ("table2", "ant", None),
         ("table1", "ant", "crippled_ant"), ("ablations", "point_maze_left", "point_maze_right"),
     ]  # fmt: skip

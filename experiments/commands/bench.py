@@ -1,0 +1,261 @@
+"""`eairl bench`: what an iteration costs beside the simulation in it. Ratios of one run; machines are noisy."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import mujoco
+import mujoco.rollout
+import numpy as np
+from rich.table import Table
+
+from eairl_jax import (
+    Algorithm,
+    HParams,
+    InputError,
+    Lanes,
+    agent,
+    discriminator,
+    discriminator_data,
+    empowerment,
+    make_irl,
+    replay,
+    rollout,
+)
+from eairl_jax.experiments.display.plots import peak_memory_gb
+from eairl_jax.experiments.pipeline.learn import Job, prepare
+from eairl_jax.experiments.pipeline.run_folder import machine, writable
+from eairl_jax.experiments.pipeline.train import LEARN, console, lane_keys
+from eairl_jax.methods import METHODS, resolve
+from eairl_jax.policy_optimizers import make_optimizer
+from eairl_jax.storage import write_json
+from eairl_jax.types import PyTree, no_penalty
+
+SEEDS = 5
+ROUNDS = 7
+
+
+def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], demos: Path | None, json_path: Path | None,
+            assignments: tuple[str, ...], iterations: int, line: str) -> None:  # fmt: skip
+    """Measures every job of `eairl bench`, prints a table for each and writes all figures as JSON."""
+    jobs = prepare(task, methods, forms, range(SEEDS), demos, "reward", assignments)
+    if iterations < 1:
+        raise InputError(f"--iterations {iterations}: expected at least 1")
+    for job in jobs:
+        if not job.has_reward:
+            raise InputError(f"{job.row} is not adversarial: bench measures {', '.join(METHODS)}")
+    if json_path:
+        writable(json_path)
+    with console.status(f"{task}: compiling and measuring"):
+        results, simulation = measure(jobs, iterations)
+    for job in jobs:
+        _print(job, results[job.row])
+    if len(jobs) > 1:
+        _compare(task, results)
+    console.print(
+        f"random actions, {simulation['envs']} environments: MJX on {simulation['devices']} devices "
+        f"{simulation['mjx_steps_per_second']:,.0f} env steps/s, the C engine (mujoco.rollout, {simulation['threads']} "
+        f"threads) {simulation['c_steps_per_second']:,.0f}; MJX over C {simulation['mjx_over_c']:.2f}\n"
+        f"peak memory of it all {simulation['peak_memory_gb']:.1f} GB"
+    )
+    if json_path:
+        write_json(json_path, {"command": line, "task": task, "machine": machine(), "rows": results,
+                               "simulation": simulation})  # fmt: skip
+
+
+def measure(jobs: list[Job], iterations: int) -> tuple[dict[str, dict], dict[str, float]]:
+    """All figures of every job, and of the simulation in the two engines.
+
+    Times are medians over rounds in which everything takes turns, seconds an iteration.
+    """
+    programs: dict[tuple[str, str], Callable[[], None]] = {}
+    compiled = {}
+    for job in jobs:
+        runs, compiled[job.row] = whole_iterations(job, iterations)
+        for name, run in (stages(job, iterations) | runs).items():
+            programs[job.row, name] = run
+    threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    for name, run in engines(jobs[0], iterations, threads).items():
+        programs["engines", name] = run
+    seconds = _time(programs, iterations)
+    results = {}
+    for job in jobs:
+        own = {name: s for (row, name), s in seconds.items() if row == job.row}
+        steps = job.recipe.config.steps_per_iteration
+        results[job.row] = {
+            "env_steps_per_iteration": steps,
+            "milliseconds": {name: 1e3 * s for name, s in own.items()},
+            "simulation_steps_per_second": steps / own["simulation alone"],
+            "iteration_steps_per_second": steps / own["iteration"],
+            "iteration_over_simulation": own["simulation alone"] / own["iteration"],
+            "five_seeds_over_one": own["iteration, five seeds"] / own["iteration"],
+            "compile_seconds": compiled[job.row],
+            "config": dataclasses.asdict(job.recipe.config),
+        }
+    config, devices = jobs[0].recipe.config, len(jax.devices())
+    steps = config.steps_per_iteration * devices
+    mjx, c = (seconds["engines", name] for name in ("MJX", "C"))
+    simulation = {
+        "envs": config.num_envs * devices,
+        "devices": devices,
+        "threads": threads,
+        "mjx_steps_per_second": steps / mjx,
+        "c_steps_per_second": steps / c,
+        "mjx_over_c": c / mjx,
+        "peak_memory_gb": peak_memory_gb(),
+    }
+    return results, simulation
+
+
+def whole_iterations(job: Job, iterations: int) -> tuple[dict[str, Callable[[], None]], dict[str, float]]:
+    """Programs of whole iterations, of one seed on one device and of five on all, and what compiling them took."""
+    algorithm, runs, compile_seconds = make_irl(job.env, job.recipe.config), {}, {}
+
+    def program(lanes: Lanes, state: PyTree) -> Callable[[], None]:
+        held = [state]  # a chunk consumes the state it is given
+
+        def run():
+            held[0], _ = lanes.run(held[0], iterations)
+
+        return run
+
+    for name, seeds, devices in (("iteration", 1, jax.devices()[:1]), ("iteration, five seeds", SEEDS, jax.devices())):
+        lanes = Lanes(algorithm, lane_keys(LEARN, range(seeds)), job.recipe.hparams, job.demos, devices=devices)
+        state = lanes.init()
+        compile_seconds[str(seeds)] = lanes.compile(state, iterations)
+        runs[name] = program(lanes, state)
+    return runs, compile_seconds
+
+
+def stages(job: Job, iterations: int) -> dict[str, Callable[[], None]]:
+    """A program for each stage of an iteration of one seed, and one for the simulation in it alone."""
+    config, hparams, env = resolve(job.recipe.config), job.recipe.hparams, job.env
+    optimizer = make_optimizer(env, config)
+    state = jax.jit(make_irl(env, config).init)(jax.random.PRNGKey(0), hparams)
+    acting, raw = jax.jit(lambda s: agent.collect(s.key, s.actor, env, optimizer, config))(state)
+    past, tau = replay.add(jax.random.PRNGKey(0), state.history, raw, config), agent.normalized(acting, raw)
+
+    def pi(obs):
+        return optimizer.distribution(acting.policy, obs)
+
+    def discriminate(key, d):
+        drawn = discriminator_data.draw(key, agent.seen(job.demos, env, config), past, raw, config)
+        pair = (discriminator_data.prepare(x, pi, state.empowerment, acting, hparams, config) for x in drawn)
+        return discriminator.fit(d, *pair, hparams, config)[0]
+
+    programs = {
+        "simulation alone": (lambda key, s: simulate(key, s, env, config), acting.rollout.env),
+        "rollout": (lambda key, a: agent.collect(key, a, env, optimizer, config)[0], acting),
+        "discriminator": (discriminate, state.discriminator),
+        "policy": (lambda key, p: optimizer.update(key, p, tau, no_penalty, (), hparams)[0], acting.policy),
+    }
+    if state.empowerment:
+        programs["empowerment"] = (
+            lambda key, emp: empowerment.fit(key, emp, tau, pi, hparams, config, env.action_limit)[0],
+            state.empowerment,
+        )
+    return {name: _repeat(stage, start, iterations) for name, (stage, start) in programs.items()}
+
+
+def engines(job: Job, iterations: int, threads: int) -> dict[str, Callable[[], None]]:
+    """The same simulation, uniformly random actions, by MJX on every device and by `mujoco.rollout` on every core."""
+    env, config, devices = job.env, job.recipe.config, len(jax.devices())
+    keys = jax.random.split(jax.random.PRNGKey(0), devices)
+
+    def start(key, _):
+        return key, rollout.reset(key, env, config.num_envs, config.rollout_length, config.episode_length).env
+
+    def step(carry, _, __):
+        key, state = carry
+        key, own = jax.random.split(key)
+        return (key, simulate(own, state, env, config)), {}
+
+    lanes = Lanes(Algorithm(start, step, lambda *_: None), keys, HParams())
+    lanes.compile(lanes.init(), iterations)
+
+    starts = jax.vmap(env.initial)(jax.random.split(keys[0], config.num_envs * devices))
+    data, full = mujoco.MjData(env.model), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    states = []
+    for qpos, qvel in zip(*map(np.asarray, starts), strict=True):
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        states.append(np.zeros(mujoco.mj_stateSize(env.model, full)))
+        mujoco.mj_getState(env.model, data, states[-1], full)
+    shape = (len(states), config.rollout_length, env.action_size)
+    actions = np.random.default_rng(0).uniform(-env.action_limit, env.action_limit, shape)
+    actions, pool = np.repeat(actions, env.frame_skip, axis=1), mujoco.rollout.Rollout(nthread=threads)
+    copies = [mujoco.MjData(env.model) for _ in range(threads)]
+
+    def in_c() -> None:
+        now = np.array(states)
+        for _ in range(iterations):  # one at a time: it returns whole trajectories
+            trajectories, _ = pool.rollout(env.model, copies, now, actions)
+            now = np.asarray(trajectories)[:, -1].copy()
+
+    return {
+        "MJX": lambda: jax.block_until_ready(lanes.run(lanes.init(), iterations)[0]),
+        "C": in_c,
+    }
+
+
+def simulate(key: jax.Array, state: PyTree, env, config) -> PyTree:
+    """The simulation of one iteration alone: the same environments and batch, uniformly random actions."""
+    shape = (config.rollout_length, config.num_envs, env.action_size)
+    actions = jax.random.uniform(key, shape, minval=-env.action_limit, maxval=env.action_limit)
+    state, observed = jax.lax.scan(lambda s, a: (jax.vmap(env.step)(s, a), s.obs), state, actions)
+    return state.replace(reward=state.reward + 0.0 * observed.sum())  # observations must not be optimised away
+
+
+def _repeat(stage: Callable[[jax.Array, PyTree], PyTree], state: PyTree, iterations: int) -> Callable[[], None]:
+    """A program that runs a stage `iterations` times in one scan, each on the result of the one before."""
+    keys = jax.random.split(jax.random.PRNGKey(0), iterations)
+    program = jax.jit(lambda state: jax.lax.scan(lambda s, key: (stage(key, s), None), state, keys)[0])
+    return lambda: jax.block_until_ready(program(state))
+
+
+def _time(programs: dict, iterations: int) -> dict:
+    """Median seconds an iteration of each program; rounds are interleaved, so that noise meets all alike."""
+    for run in programs.values():
+        run()
+    taken: dict[tuple[str, str], list[float]] = {name: [] for name in programs}
+    for _ in range(ROUNDS):
+        for name, run in programs.items():
+            started = time.perf_counter()
+            run()
+            taken[name].append((time.perf_counter() - started) / iterations)
+    return {name: float(np.median(seconds)) for name, seconds in taken.items()}
+
+
+def _print(job: Job, result: dict) -> None:
+    milliseconds = result["milliseconds"]
+    title = f"{job.row} in {job.task}: {result['env_steps_per_iteration']:,} env steps an iteration, one seed"
+    table = Table(title=title, title_justify="left")
+    for name, justify in (("stage", "left"), ("ms", "right"), ("env steps/s", "right"), ("share", "right")):
+        table.add_column(name, justify=justify)  # pyright: ignore
+    for name, ms in milliseconds.items():
+        steps = result["env_steps_per_iteration"] * (SEEDS if "five" in name else 1)
+        share = f"{ms / milliseconds['iteration']:.0%}" if "five" not in name else ""
+        table.add_row(name, f"{ms:.1f}", f"{1e3 * steps / ms:,.0f}", share)
+    console.print(table)
+    console.print(
+        f"speed of a whole iteration over that of simulation alone: {result['iteration_over_simulation']:.2f}\n"
+        f"five seeds over one: {result['five_seeds_over_one']:.2f} x the time, {len(jax.devices())} devices (aim 4)\n"
+        f"compile: {result['compile_seconds']['1']:.1f} s one seed, {result['compile_seconds'][str(SEEDS)]:.1f} s five "
+        "(seconds only, where the persistent cache is warm)"
+    )
+
+
+def _compare(task: str, results: dict[str, dict]) -> None:
+    first = next(iter(results))
+    table = Table(title=f"Iterations in {task}, one seed, measured in turns", title_justify="left")
+    for name in ("", "ms", "speed over simulation", f"time over {first}"):
+        table.add_column(name, justify="right" if name else "left")
+    base = results[first]["milliseconds"]["iteration"]
+    for row, result in results.items():
+        ms = result["milliseconds"]["iteration"]
+        table.add_row(row, f"{ms:.1f}", f"{result['iteration_over_simulation']:.2f}", f"{ms / base:.2f}")
+    console.print(table)

@@ -1,0 +1,41 @@
+"""The normaliser stands still within an iteration and moves on between two, if it is a running one."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from eairl_jax import agent
+from eairl_jax.ppo import ppo
+
+
+@pytest.mark.parametrize("mode", ["running", "task", "none"])
+def test_an_iteration_ends_with_the_statistics_of_what_was_seen(toy, tiny, mode):
+    config = tiny(normalize_obs=mode)
+    env, optimizer = toy(), ppo(4, 2, config)
+    start = agent.init(jax.random.PRNGKey(0), env, optimizer, config)
+    acting, raw = agent.collect(jax.random.PRNGKey(1), start, env, optimizer, config)
+    jax.tree.map(np.testing.assert_array_equal, acting.obs_stats, start.obs_stats)
+    assert raw.obs.shape == (6, 4, 4)
+    after = agent.finish(acting, acting.policy, raw, config)
+    assert after.iteration == 1
+    seen = np.asarray(raw.obs).reshape(-1, 4)
+    mean, var = (seen.mean(axis=0), seen.var(axis=0)) if mode == "running" else (np.zeros(4), np.ones(4))
+    np.testing.assert_allclose(after.obs_stats.mean, mean, atol=1e-5)
+    np.testing.assert_allclose(after.obs_stats.var, var, atol=1e-4)
+
+
+def test_both_ends_of_a_transition_stand_behind_one_normaliser_and_the_policy_too(toy, tiny, transitions):
+    config = tiny()
+    optimizer = ppo(4, 2, config)
+    acting = agent.init(jax.random.PRNGKey(0), toy(), optimizer, config)
+    stats = acting.obs_stats.replace(mean=jnp.arange(4.0), var=jnp.full(4, 4.0))
+    acting, x = acting.replace(obs_stats=stats), jax.tree.map(jnp.asarray, transitions())
+    normalized = agent.normalized(acting, x)
+    np.testing.assert_allclose(normalized.obs, (x.obs - np.arange(4)) / 2, atol=1e-5)
+    np.testing.assert_allclose(normalized.next_obs, (x.next_obs - np.arange(4)) / 2, atol=1e-5)
+    for name in ("action", "log_prob", "reward", "terminated", "truncated"):
+        np.testing.assert_array_equal(getattr(normalized, name), getattr(x, name))
+    pi, direct = agent.distribution(acting, x.obs, optimizer), optimizer.distribution(acting.policy, normalized.obs)
+    np.testing.assert_allclose(pi.mean, direct.mean, atol=1e-6)
+    assert np.abs(pi.mean - optimizer.distribution(acting.policy, x.obs).mean).max() > 1e-4
