@@ -26,12 +26,12 @@ class PolicyState:
 
     Attributes:
       nets: parameters {"actor", "critic"} and their Adam moments.
-      log_std_offset: `[]` added to the actor's log std: the schedule of `HParams.std_end`.
+      log_std_offset: `[]` added to the actor's log std: the schedule of `HParams.std_final_fraction`.
       return_var, return_count: running variance of the discounted return and the iterations behind it. Rewards are
         divided by its root, so that learned rewards of any scale train at the same rates.
     """
 
-    nets: train_state.Fitted
+    nets: train_state.TrainState
     log_std_offset: jax.Array
     return_var: jax.Array
     return_count: jax.Array
@@ -49,16 +49,16 @@ class Batch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Networks:
+class ActorCritic:
     """The networks of a policy and its value function; observations they are given are already normalised."""
 
     actor: GaussianMLP
     critic: Scalar
 
     @staticmethod
-    def build(action_size: int, config: Config, action_limit: float = 1.0) -> Networks:
+    def build(action_size: int, config: Config, action_limit: float = 1.0) -> ActorCritic:
         """Those that a configuration asks for."""
-        return Networks(GaussianMLP(action_size, config, action_limit), value(config))
+        return ActorCritic(GaussianMLP(action_size, config, action_limit), value(config))
 
     def init(self, key: Key, obs_size: int) -> PolicyState:
         """Fresh networks."""

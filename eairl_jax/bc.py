@@ -16,7 +16,7 @@ def make_bc(env: Env, config: Config) -> Algorithm:
     """Builds behaviour cloning; its `data` is `Demonstrations`.
 
     An iteration is `discriminator_updates` minibatches of `discriminator_batch` expert samples. It also acts for one
-    rollout, which only the metric `true_return` uses. The std is fitted too: `HParams.std_end` has no say.
+    rollout, which only the metric `true_return` uses. The std is fitted too: `HParams.std_final_fraction` has no say.
 
     Raises:
       InputError: for an environment without flat observations.

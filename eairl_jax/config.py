@@ -24,7 +24,7 @@ class Config:
     iterations: int = 100
     """Length of the whole run: annealed rates end here."""
 
-    # Networks. The paper: two hidden layers of 32 ReLU units everywhere (Appendix D.1).
+    # ActorCritic. The paper: two hidden layers of 32 ReLU units everywhere (Appendix D.1).
     hidden: tuple[int, ...] = (32, 32)
     """Reward, discriminator and potentials."""
     policy_hidden: tuple[int, ...] = (32, 32)
@@ -36,9 +36,9 @@ class Config:
     """Of the policy and the inverse model: "relu" (Appendix D.1), "tanh"; "default": the method's own."""
     state_dependent_std: bool = False
     """Whether the stds of the policy and of the inverse model depend on their inputs."""
-    actions: str = "drawn"
-    """The actions that policies, rewards and inverse models are about: "drawn", the Gaussian's samples, which the
-    environment clips out of sight (the paper's release), or "executed". Experts draw actions far beyond their bounds;
+    actions: str = "sampled"
+    """The actions that policies, rewards and inverse models are about: "sampled", the Gaussian's samples, which the
+    environment clips out of sight (the paper's release), or "clipped". Experts draw actions far beyond their bounds;
     how far changes nothing, but a discriminator of drawn actions sees it."""
     log_std_init: float = -0.5
     log_std_min: float = -5.0
@@ -73,9 +73,9 @@ class Config:
     """Potential-based shaping of f: "empowerment" (Phi), "learned" (AIRL's h), "both", "none" (Phi = 0)."""
     shaping_discount: str = "default"
     """"gamma", or "one" as in the authors' release."""
-    scoring_phi: str = "default"
-    """Phi(s') in the policy's reward: the slow copy ("target", Eq. 9) or Phi itself ("learning", the release)."""
-    judges: str = "default"
+    policy_phi: str = "default"
+    """Phi(s') in the policy's reward: the slow copy ("target", Eq. 9) or Phi itself ("online", the release)."""
+    discriminates: str = "default"
     """What the discriminator tells apart: "transitions", or whole "trajectories" (GAN-GCL)."""
     history: str = "default"
     """The policy's samples that the discriminator sees. "iterations": evenly from the last `history_length` + 1;
@@ -83,7 +83,7 @@ class Config:
     from the current iteration, half from `history_length` + 1 of all there were, each as likely."""
     history_length: int = 20
     """Iterations whose samples the discriminator sees beside the current ones."""
-    restart_every: int = 0
+    policy_reset_every: int = 0
     """Iterations after which the policy starts anew, annealed rates with it, while the reward goes on; 0: never. One
     policy only ever tries what lies on its way, and a reward may pay anything for the rest."""
     update_order: str = "default"
@@ -103,7 +103,7 @@ class Config:
     l_i_power: int = 2
     """p of Eq. 7: 1 absolute, 2 squared."""
     l_i_actions: str = "default"
-    """The actions of Eq. 7: those "taken", or "drawn" anew, one from q and another from pi (the release)."""
+    """The actions of Eq. 7: those "stored", or "resampled" anew, one from q and another from pi (the release)."""
     l_i_in: str = "loss"
     """Where lambda_I l_I enters: the policy's "loss" (Eq. 11) or its "reward" (section 3.4)."""
     inverse_loss: str = "default"
@@ -130,12 +130,12 @@ class Config:
                      "phi_sync_interval", "cg_iterations", "line_search_steps"):  # fmt: skip
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {getattr(self, name)}: expected at least 1")
-        for name in ("history_length", "restart_every"):
+        for name in ("history_length", "policy_reset_every"):
             if getattr(self, name) < 0:
                 raise InputError(f"{name} = {getattr(self, name)}: expected 0 (none, never) or more iterations")
-        if self.restart_every and self.iterations % self.restart_every:
+        if self.policy_reset_every and self.iterations % self.policy_reset_every:
             raise InputError(
-                f"iterations = {self.iterations} is not a multiple of restart_every = {self.restart_every}: the last "
+                f"iterations = {self.iterations} is not a multiple of policy_reset_every = {self.policy_reset_every}: the last "
                 "policy would be cut short; choose a multiple"
             )
         if self.steps_per_iteration % self.ppo_minibatches:
@@ -160,29 +160,29 @@ class Config:
 PENALTIES = ("gradient", "action_variance", "input_sparsity")
 
 # What a method decides unless the configuration does.
-METHODS_OWN: dict[str, tuple[str, ...]] = {
+METHOD_DEFAULTS: dict[str, tuple[str, ...]] = {
     "reward_form": ("sa", "s", "separable"),
     "shaping": ("empowerment", "learned", "both", "none"),
     "shaping_discount": ("gamma", "one"),
-    "scoring_phi": ("target", "learning"),
-    "judges": ("transitions", "trajectories"),
+    "policy_phi": ("target", "learning"),
+    "discriminates": ("transitions", "trajectories"),
     "history": ("iterations", "paths", "all"),
     "update_order": ("empowerment_first", "discriminator_first"),
-    "l_i_actions": ("taken", "drawn"),
+    "l_i_actions": ("stored", "resampled"),
     "inverse_loss": ("likelihood", "mse"),
     "policy_activation": ("relu", "tanh"),
 }
 
 CHOICES: dict[str, tuple] = {
     "activation": ("relu", "tanh"),
-    "actions": ("drawn", "executed"),
+    "actions": ("sampled", "clipped"),
     "normalize_obs": ("task", "running", "none"),
     "reward_obs": ("normalized", "raw"),
     "optimizer": ("ppo", "trpo"),
     "action_part": ("quadratic", "net"),
     "l_i_power": (1, 2),
     "l_i_in": ("loss", "reward"),
-    **{name: ("default", *options) for name, options in METHODS_OWN.items()},
+    **{name: ("default", *options) for name, options in METHOD_DEFAULTS.items()},
 }
 
 

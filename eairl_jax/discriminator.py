@@ -157,8 +157,8 @@ def loss(params: PyTree, expert: Samples, policy: Samples, hparams: HParams, con
 
 
 def fit(
-    fitted: train_state.Fitted, expert: Samples, policy: Samples, hparams: HParams, config: Config
-) -> tuple[train_state.Fitted, Metrics]:
+    fitted: train_state.TrainState, expert: Samples, policy: Samples, hparams: HParams, config: Config
+) -> tuple[train_state.TrainState, Metrics]:
     """Updates D on minibatches `[updates, batch, length, ...]` of the expert and of the policy's history."""
     fitted, metrics = train_state.fit(
         fitted, lambda params, pair: loss(params, *pair, hparams, config), (expert, policy), hparams.discriminator_lr

@@ -17,17 +17,17 @@ def check_segments(config: Config, demo_length: int | None = None) -> None:
     Only lengths can be checked: an environment that ends episodes before `config.episode_length` is not for GAN-GCL.
     """
     for name, length in (("rollout_length", config.rollout_length), ("the demonstrations' length", demo_length)):
-        if config.judges == "trajectories" and length and length % config.episode_length:
+        if config.discriminates == "trajectories" and length and length % config.episode_length:
             raise InputError(
-                f"{config.method} judges whole trajectories: {name} = {length} must be a multiple of episode_length = "
+                f"{config.method} discriminates whole trajectories: {name} = {length} must be a multiple of episode_length = "
                 f"{config.episode_length}, or episodes are cut in pieces"
             )
 
 
-def draw(key: Key, demos: Demonstrations, past: replay.History, raw: Transition, config: Config):
+def draw(key: Key, demos: Demonstrations, past: replay.Replay, raw: Transition, config: Config):
     """Raw minibatches `[updates, batch, length, ...]` of the expert and of the policy's history."""
     check_segments(config, demos.reward.shape[1])
-    length = config.episode_length if config.judges == "trajectories" else 1
+    length = config.episode_length if config.discriminates == "trajectories" else 1
     updates, batch = config.discriminator_updates, -(-config.discriminator_batch // length)
     expert_key, policy_key = jax.random.split(key)
     index = jax.random.randint(expert_key, (updates, batch), 0, demos.reward.size // length)
@@ -36,7 +36,7 @@ def draw(key: Key, demos: Demonstrations, past: replay.History, raw: Transition,
 
 
 def prepare(
-    raw, pi, emp, acting: agent.Actor, hparams: HParams, config: Config, scoring: bool = False
+    raw, pi, emp, acting: agent.Agent, hparams: HParams, config: Config, scoring: bool = False
 ) -> discriminator.Samples:
     """What the logit needs of raw samples, log pi under the current policy `pi`; None: as it was when they were taken.
 
@@ -46,7 +46,7 @@ def prepare(
     log_prob = pi(x.obs).log_prob(x.action) if pi else raw.log_prob
     phi_shaping = jnp.zeros_like(log_prob)
     if config.shaping in ("empowerment", "both"):
-        next_params = emp.phi.params if scoring and config.scoring_phi == "learning" else emp.phi_target
+        next_params = emp.phi.params if scoring and config.policy_phi == "learning" else emp.phi_target
         phi, next_phi = empowerment.phi(emp.phi.params, x.obs, config), empowerment.phi(next_params, x.next_obs, config)
         phi_shaping = discriminator.shaping(
             phi, next_phi, x.terminated, discriminator.shaping_discount(hparams, config)

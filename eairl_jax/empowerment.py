@@ -50,8 +50,8 @@ def l_q(q: Gaussian, action: jax.Array, loss: str) -> jax.Array:
 class Empowerment:
     """The inverse model q, the potential Phi and its slow copy Phi', with their optimisers."""
 
-    inverse: train_state.Fitted
-    phi: train_state.Fitted
+    inverse: train_state.TrainState
+    phi: train_state.TrainState
     phi_target: PyTree
 
 
@@ -91,7 +91,7 @@ class Terms(NamedTuple):
 def terms(key: Key, q_params: PyTree, pi: Gaussian, x: Transition, config: Config, limit: float = 1.0) -> Terms:
     """log q and log pi of the actions taken, or of actions drawn from q and from pi, each on its own (the release)."""
     q = q_distribution(q_params, x, config, limit)
-    if config.l_i_actions == "taken":
+    if config.l_i_actions == "stored":
         return Terms(q.log_prob(x.action), x.log_prob, x.action)
     q_noise, pi_noise = jax.random.normal(key, (2, *x.action.shape))
     action = pi.sample(pi_noise)
@@ -158,5 +158,5 @@ def with_l_i(key: Key, tau: Transition, pi, emp, hparams: HParams, config: Confi
         log_q, potential, *drawn = data
         return cost(now.log_prob(drawn[0]) if drawn else log_prob, log_q, potential)
 
-    drawn = (own.action,) if config.l_i_actions == "drawn" else ()
+    drawn = (own.action,) if config.l_i_actions == "resampled" else ()
     return tau, penalty, (own.log_q, potential, *drawn)

@@ -40,10 +40,10 @@ class IRLState:
     """
 
     key: Key
-    actor: agent.Actor
+    actor: agent.Agent
     empowerment: empowerment.Empowerment | None
-    discriminator: train_state.Fitted
-    history: replay.History
+    discriminator: train_state.TrainState
+    history: replay.Replay
 
 
 @struct.dataclass
@@ -60,7 +60,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
     Raises:
       InputError: for an unknown method, an environment without flat observations, or trajectories that rollouts cut.
     """
-    config = methods.resolve(config)
+    config = methods.with_method_defaults(config)
     discriminator_data.check_segments(config)
     obs_size, action_size = normalize.flat_size(env), env.action_size
     optimizer = make_optimizer(env, config)
@@ -136,7 +136,7 @@ def learned_reward(state: IRLState) -> RewardParams:
 
 def reward_function(config: Config) -> Callable[[RewardParams, jax.Array, jax.Array], jax.Array]:
     """`(RewardParams, raw obs [..., obs], action [..., act]) -> reward [...]` of the form that `config` names."""
-    config = methods.resolve(config)
+    config = methods.with_method_defaults(config)
 
     def reward(learned: RewardParams, obs, action):
         seen = obs if config.reward_obs == "raw" else normalize.normalize(learned.obs_stats, obs)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import jax
 
-from eairl_jax.config import METHODS_OWN, Config, choose
+from eairl_jax.config import METHOD_DEFAULTS, Config, choose
 
 
 def airl_logit(f: jax.Array, log_prob: jax.Array) -> jax.Array:
@@ -55,12 +55,12 @@ class Method:
     reward_form: str
     shaping: str
     empowerment: bool = False
-    judges: str = "transitions"
+    discriminates: str = "transitions"
     shaping_discount: str = "gamma"
-    scoring_phi: str = "target"
+    policy_phi: str = "target"
     history: str = "iterations"
     update_order: str = "empowerment_first"
-    l_i_actions: str = "taken"
+    l_i_actions: str = "stored"
     inverse_loss: str = "likelihood"
     policy_activation: str = "relu"
 
@@ -70,15 +70,15 @@ METHODS: dict[str, Method] = {
                     airl_logit, log_d_ratio, "sa", "empowerment", empowerment=True),
     "eairl_release": Method("EAIRL as its authors released it, where that differs from their paper",
                             airl_logit, log_d_ratio, "sa", "empowerment", empowerment=True, shaping_discount="one",
-                            scoring_phi="learning", history="paths", update_order="discriminator_first",
-                            l_i_actions="drawn", inverse_loss="mse", policy_activation="tanh"),
+                            policy_phi="learning", history="paths", update_order="discriminator_first",
+                            l_i_actions="resampled", inverse_loss="mse", policy_activation="tanh"),
     "airl_sa": Method("reward r(s,a) with learned shaping", airl_logit, log_d_ratio, "sa", "learned"),
     "airl_s": Method("reward r(s) with learned shaping (Fu et al. 2018)", airl_logit, log_d_ratio, "s", "learned"),
     "gail": Method("a classifier of (s,a) (Ho and Ermon 2016)", gail_logit, neg_log_one_minus_d, "sa", "none"),
     # D = exp f(tau) / (exp f(tau) + pi(tau)), whose 1/Z is the bias of f; the policy's -log(1 - D) + log D is
     # f(tau) - log pi(tau), a sum over the trajectory and so a reward a transition.
     "gan_gcl": Method("a discriminator of whole trajectories (Finn et al. 2016)",
-                      airl_logit, log_d_ratio, "sa", "none", judges="trajectories"),
+                      airl_logit, log_d_ratio, "sa", "none", discriminates="trajectories"),
 }  # fmt: skip
 
 
@@ -87,7 +87,7 @@ def names() -> tuple[str, ...]:
     return (*METHODS, "bc")
 
 
-def resolve(config: Config) -> Config:
+def with_method_defaults(config: Config) -> Config:
     """The configuration with every "default" replaced by the method's own.
 
     Raises:
@@ -95,7 +95,7 @@ def resolve(config: Config) -> Config:
     """
     choose("method", config.method, METHODS)
     row = METHODS[config.method]
-    own = {name: getattr(row, name) for name in METHODS_OWN if getattr(config, name) == "default"}
+    own = {name: getattr(row, name) for name in METHOD_DEFAULTS if getattr(config, name) == "default"}
     form = own.get("reward_form", config.reward_form)
     if own.get("shaping") == "empowerment" and form == "separable":
         # g(s) has to explain every action by itself, and Phi is too flat to help it: h carries the value, as in AIRL.

@@ -60,12 +60,12 @@ class GaussianMLP(nn.Module):
         else:
             mean, raw = out, self.param("raw_log_std", nn.initializers.zeros, (self.action_size,))
         log_std = jnp.broadcast_to(self.log_std(raw), mean.shape)
-        return Censored(mean, log_std, self.action_limit) if config.actions == "executed" else Gaussian(mean, log_std)
+        return Censored(mean, log_std, self.action_limit) if config.actions == "clipped" else Gaussian(mean, log_std)
 
     def log_std(self, raw: jax.Array) -> jax.Array:
         """`log_std_init` at 0, slope 1 there, never above `log_std_max` nor below `log_std_min`.
 
-        The upper bound matters where actions are those "drawn": what is executed is clipped, log pi is not, so an
+        The upper bound matters where actions are those "sampled": what is executed is clipped, log pi is not, so an
         adversarial reward pays a policy for entropy that costs it nothing, and an unbounded std runs away.
         """
         low, high, start = self.config.log_std_min, self.config.log_std_max, self.config.log_std_init

@@ -6,14 +6,14 @@ import jax
 import jax.numpy as jnp
 
 from eairl_jax import train_state
-from eairl_jax.actor_critic import Batch, Networks, PolicyState, minibatches
+from eairl_jax.actor_critic import Batch, ActorCritic, PolicyState, minibatches
 from eairl_jax.config import Config
 from eairl_jax.types import PolicyOptimizer
 
 
 def ppo(obs_size: int, action_size: int, config: Config, action_limit: float = 1.0) -> PolicyOptimizer:
     """PPO with a clipped objective, policy and value function in one loss."""
-    nets = Networks.build(action_size, config, action_limit)
+    nets = ActorCritic.build(action_size, config, action_limit)
 
     def loss(params, log_std_offset, minibatch: Batch, penalty, hparams):
         pi = nets.pi(params["actor"], log_std_offset, minibatch.obs)
@@ -44,7 +44,7 @@ def ppo(obs_size: int, action_size: int, config: Config, action_limit: float = 1
         policy = policy.replace(nets=fitted)  # pyright: ignore
         metrics = jax.tree.map(lambda m: m.mean(), metrics)
         kl = before.kl(nets.distribution(policy, batch.obs)).mean()
-        policy = policy.replace(log_std_offset=jnp.log(hparams.std_end))
+        policy = policy.replace(log_std_offset=jnp.log(hparams.std_final_fraction))
         return policy, metrics | {"kl": kl, "explained_variance": explained}
 
     return PolicyOptimizer(lambda key: nets.init(key, obs_size), update, nets.distribution)

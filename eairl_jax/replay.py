@@ -15,7 +15,7 @@ POOL_PATHS = 100
 
 
 @struct.dataclass
-class History:
+class Replay:
     """Past iterations' transitions: a ring of the last ones, or ("all") a sample of every one.
 
     Attributes:
@@ -27,7 +27,7 @@ class History:
     added: jax.Array
 
 
-def empty(obs_size: int, action_size: int, config: Config) -> History:
+def empty(obs_size: int, action_size: int, config: Config) -> Replay:
     """A ring for the current iteration and the `history_length` before it, or for the pool that `paths` names."""
     slots, envs = config.history_length + 1, config.num_envs
     if config.history == "paths":
@@ -35,10 +35,10 @@ def empty(obs_size: int, action_size: int, config: Config) -> History:
         slots = -(-POOL_PATHS // envs)
     leading = (slots, config.rollout_length, envs)
     tails = Transition((obs_size,), (action_size,), (), (obs_size,), (), (), ())
-    return History(Transition(*(jnp.zeros(leading + tail) for tail in tails)), jnp.zeros((), jnp.int32))
+    return Replay(Transition(*(jnp.zeros(leading + tail) for tail in tails)), jnp.zeros((), jnp.int32))
 
 
-def add(key: Key, history: History, transition: Transition, config: Config) -> History:
+def add(key: Key, history: Replay, transition: Transition, config: Config) -> Replay:
     """Puts one iteration's transitions `[T, N, ...]` (as many environments as the ring has) in the oldest's place.
 
     In a sample of all, in that of any, or nowhere, so that each iteration is as likely as any other to be there
@@ -52,10 +52,10 @@ def add(key: Key, history: History, transition: Transition, config: Config) -> H
     kept = jax.tree.map(
         lambda ring, new: ring.at[slot].set(new[:, :envs], mode="drop"), history.transitions, transition
     )
-    return History(kept, history.added + 1)
+    return Replay(kept, history.added + 1)
 
 
-def draw(key: Key, history: History, current: Transition, updates: int, batch: int, length: int, config: Config):
+def draw(key: Key, history: Replay, current: Transition, updates: int, batch: int, length: int, config: Config):
     """Draws `[updates, batch, length, ...]`: segments of `length` steps of the policy, old and new.
 
     From the ring evenly, the current iteration being a part of it; or, with `config.history` "paths" or "all", half

@@ -18,7 +18,7 @@ class RLState:
     """A run between two iterations."""
 
     key: Key
-    actor: agent.Actor
+    actor: agent.Agent
 
 
 def true_reward(_data: PyTree, batch: Transition) -> jax.Array:

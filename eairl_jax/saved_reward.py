@@ -32,7 +32,7 @@ class LearnedReward:
     def __call__(self, obs: jax.Array, action: jax.Array, seed: int = 0) -> jax.Array:
         """Rewards `[...]` of raw observations `[..., obs]` and actions `[..., act]`, by the given row.
 
-        Where `config.actions` is "executed", give actions as they were executed, within their bounds.
+        Where `config.actions` is "clipped", give actions as they were executed, within their bounds.
 
         Raises:
           InputError: if the last axes are not the sizes that the reward was trained with.

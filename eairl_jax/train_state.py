@@ -16,19 +16,19 @@ _ADAM = optax.scale_by_adam()
 
 
 @struct.dataclass
-class Fitted:
+class TrainState:
     """Parameters and their Adam moments. The learning rate is no part of it: rates stay free to be vmapped."""
 
     params: PyTree
     adam: PyTree
 
 
-def start(params: PyTree) -> Fitted:
+def start(params: PyTree) -> TrainState:
     """Parameters before the first update."""
-    return Fitted(params, _ADAM.init(params))
+    return TrainState(params, _ADAM.init(params))
 
 
-def in_library(number: jax.Array) -> jax.Array:
+def prevent_loop_fusion(number: jax.Array) -> jax.Array:
     """The same scalar (infinity for NaN), by way of a sort: a loop that holds one is never compiled into one kernel.
 
     On a CPU XLA makes loops one kernel as far as `eairl_jax.experiments.cli.configure_jax` lets it, which suits physics and not
@@ -38,11 +38,11 @@ def in_library(number: jax.Array) -> jax.Array:
     return jnp.sort(jnp.stack([number, jnp.asarray(most, number.dtype)]))[0]
 
 
-def descend(fitted: Fitted, gradient: PyTree, lr: float | jax.Array) -> Fitted:
+def descend(fitted: TrainState, gradient: PyTree, lr: float | jax.Array) -> TrainState:
     """One Adam step down the gradient."""
     direction, adam = _ADAM.update(gradient, fitted.adam)
     params = jax.tree.map(lambda p, d: p - lr * d, fitted.params, direction)
-    return Fitted(params, adam._replace(count=in_library(adam.count)))
+    return TrainState(params, adam._replace(count=prevent_loop_fusion(adam.count)))
 
 
 def clip_norm(gradient: PyTree, max_norm: float | jax.Array) -> PyTree:
@@ -52,11 +52,11 @@ def clip_norm(gradient: PyTree, max_norm: float | jax.Array) -> PyTree:
 
 
 def fit(
-    fitted: Fitted,
+    fitted: TrainState,
     loss: Callable[[PyTree, PyTree], tuple[jax.Array, Metrics]],
     minibatches: PyTree,
     lr: float | jax.Array,
-) -> tuple[Fitted, Metrics]:
+) -> tuple[TrainState, Metrics]:
     """Descends `loss(params, minibatch) -> (loss, metrics)` once on each of the minibatches.
 
     Args:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
 from eairl_jax import train_state
-from eairl_jax.actor_critic import Batch, Networks, PolicyState, minibatches
+from eairl_jax.actor_critic import Batch, ActorCritic, PolicyState, minibatches
 from eairl_jax.config import Config
 from eairl_jax.gaussian import Gaussian
 from eairl_jax.types import PolicyOptimizer
@@ -33,7 +33,7 @@ def conjugate_gradient(product: Callable[[Vector], Vector], b: Vector, steps: in
 
     def step(carry, _):
         x, residual, direction, rr = carry
-        rr = train_state.in_library(rr)
+        rr = train_state.prevent_loop_fusion(rr)
         a_direction = product(direction)
         # Once solved, residual and direction are 0 and so is every further step.
         alpha = rr / jnp.maximum(direction @ a_direction, 1e-20)
@@ -59,7 +59,9 @@ def line_search(
       The parameters reached (theta itself if no step will do) and the fraction of the full step taken.
     """
     fractions = 0.5 ** jnp.arange(steps)
-    loss, kl = jax.lax.map(lambda fraction: objective(theta + train_state.in_library(fraction) * full_step), fractions)
+    loss, kl = jax.lax.map(
+        lambda fraction: objective(theta + train_state.prevent_loop_fusion(fraction) * full_step), fractions
+    )
     good = (loss < objective(theta)[0]) & (kl <= kl_limit)  # a NaN is not good
     fraction = jnp.where(good.any(), fractions[good.argmax()], 0.0)
     return jnp.where(fraction > 0, theta + fraction * full_step, theta), fraction
@@ -67,7 +69,7 @@ def line_search(
 
 def trpo(obs_size: int, action_size: int, config: Config, action_limit: float = 1.0) -> PolicyOptimizer:
     """TRPO: one natural-gradient step an iteration for the policy, Adam on minibatches for the value function."""
-    nets = Networks.build(action_size, config, action_limit)
+    nets = ActorCritic.build(action_size, config, action_limit)
 
     def update(key, policy: PolicyState, batch, penalty, penalty_data, hparams):
         policy, prepared, explained = nets.prepare(policy, batch, penalty_data, hparams)
@@ -113,7 +115,7 @@ def trpo(obs_size: int, action_size: int, config: Config, action_limit: float = 
         fitted, metrics = train_state.fit(policy.nets, value_loss, drawn, hparams.policy_lr)
         moved = fitted.params | {"actor": unravel(reached)}
         fitted = fitted.replace(params=moved)  # pyright: ignore
-        policy = policy.replace(nets=fitted, log_std_offset=jnp.log(hparams.std_end))  # pyright: ignore
+        policy = policy.replace(nets=fitted, log_std_offset=jnp.log(hparams.std_final_fraction))  # pyright: ignore
         return policy, {
             "policy_loss": policy_loss(pi(reached).log_prob(samples.action)),
             "value_loss": metrics["value_loss"],

@@ -39,7 +39,7 @@ class Transition(NamedTuple):
     Attributes:
       obs: `[T, N, obs]` s, as the environment gave it.
       action: `[T, N, act]` a, the Gaussian sample *before* any clipping, so that `log_prob` is its density; with
-        `Config.actions` "executed" what was executed, and its log-probability.
+        `Config.actions` "clipped" what was executed, and its log-probability.
       log_prob: `[T, N]` log pi(a|s) under the policy that acted.
       next_obs: `[T, N, obs]` s', before any auto-reset.
       reward: `[T, N]` the environment's true reward, or the learned one once it was put in its place.
@@ -79,18 +79,18 @@ class HParams:
       gamma: discount.
       gae_lambda: generalised advantage estimation's lambda.
       policy_lr: Adam's rate for policy and value at the first iteration.
-      policy_lr_end: fraction of `policy_lr` left at `Config.iterations` (linear in between).
+      policy_lr_final_fraction: fraction of `policy_lr` left at `Config.iterations` (linear in between).
       clip_eps: PPO's clipping of the probability ratio.
       max_grad_norm: PPO's bound on the gradient's norm.
       kl_limit: TRPO's bound on KL(old policy || new policy) of an iteration, nats; above 0.
       cg_damping: TRPO's multiple of the identity added to the Fisher matrix.
       entropy_weight: weight of the policy's entropy (Appendix D.2: 0.1 to learn a reward, 0.001 to imitate).
-      entropy_end: fraction of `entropy_weight` left at `Config.iterations`.
-      std_end: fraction of the policy's std left at `Config.iterations` (geometric in between): explore first, then
+      entropy_final_fraction: fraction of `entropy_weight` left at `Config.iterations`.
+      std_final_fraction: fraction of the policy's std left at `Config.iterations` (geometric in between): explore first, then
         settle.
       temperature: of maximum-entropy reinforcement learning on a reward that is given: `-temperature log pi(a|s)` is
         added to it. AIRL's and EAIRL's policies have it by themselves, at 1 (f - log pi): their rewards are for it.
-      temperature_end: fraction of `temperature` left at `Config.iterations` (linear in between).
+      temperature_final_fraction: fraction of `temperature` left at `Config.iterations` (linear in between).
       lambda_i: lambda_I, the weight of l_I in the policy's objective (Eq. 11).
       beta: temperature of the empowerment (Eq. 6, 7).
       gradient_penalty: weight of `discriminator.gradient_penalty`; counts if `Config.penalties` names it.
@@ -102,16 +102,16 @@ class HParams:
     gamma: float | jax.Array = 0.99
     gae_lambda: float | jax.Array = 0.95
     policy_lr: float | jax.Array = 1e-3
-    policy_lr_end: float | jax.Array = 1.0
+    policy_lr_final_fraction: float | jax.Array = 1.0
     clip_eps: float | jax.Array = 0.2
     max_grad_norm: float | jax.Array = 0.5
     kl_limit: float | jax.Array = 0.01
     cg_damping: float | jax.Array = 0.1
     entropy_weight: float | jax.Array = 0.001
-    entropy_end: float | jax.Array = 1.0
-    std_end: float | jax.Array = 1.0
+    entropy_final_fraction: float | jax.Array = 1.0
+    std_final_fraction: float | jax.Array = 1.0
     temperature: float | jax.Array = 0.0
-    temperature_end: float | jax.Array = 1.0
+    temperature_final_fraction: float | jax.Array = 1.0
     lambda_i: float | jax.Array = 0.001
     beta: float | jax.Array = 1.0
     gradient_penalty: float | jax.Array = 0.0
@@ -129,10 +129,10 @@ class HParams:
             return value * (1.0 - progress * (1.0 - end))
 
         return self.replace(  # pyright: ignore
-            policy_lr=annealed(self.policy_lr, self.policy_lr_end),
-            entropy_weight=annealed(self.entropy_weight, self.entropy_end),
-            std_end=self.std_end**progress,
-            temperature=annealed(self.temperature, self.temperature_end),
+            policy_lr=annealed(self.policy_lr, self.policy_lr_final_fraction),
+            entropy_weight=annealed(self.entropy_weight, self.entropy_final_fraction),
+            std_final_fraction=self.std_final_fraction**progress,
+            temperature=annealed(self.temperature, self.temperature_final_fraction),
         )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from eairl_jax.envs.mjx_task import MjxTask, Physics
 
 
-class Referee(Protocol):
+class CEngine(Protocol):
     """One environment of a task outside of jax."""
 
     def start(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
@@ -25,7 +25,7 @@ class Referee(Protocol):
         ...
 
 
-class ModelReferee:
+class MujocoCEngine:
     """`mujoco.mj_step` on a task's own model, its solver run until it converges; observation and reward the task's."""
 
     def __init__(self, task: MjxTask):
@@ -51,7 +51,7 @@ class ModelReferee:
         return Physics(data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy())  # pyright: ignore
 
 
-class GymnasiumReferee:
+class GymnasiumCEngine:
     """One of Gymnasium's MuJoCo environments on a model of ours; observation and reward are Gymnasium's own.
 
     Args:
@@ -86,7 +86,7 @@ class GymnasiumReferee:
         return obs, float(reward) - self._bonus
 
 
-class PendulumReferee(GymnasiumReferee):
+class PendulumCEngine(GymnasiumCEngine):
     """Gymnasium's Pendulum-v1, which integrates its equations itself."""
 
     def __init__(self):

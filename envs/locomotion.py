@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from eairl_jax.envs.c_engine import GymnasiumReferee
+from eairl_jax.envs.c_engine import GymnasiumCEngine
 from eairl_jax.envs.mjx_task import MjxTask, Physics, TaskError, mjx
 from eairl_jax.envs.physics.contact_solver import Floor, newton
-from eairl_jax.envs.physics.scatter_free import for_one_kernel
+from eairl_jax.envs.physics.scatter_free import without_scatters
 from eairl_jax.envs.physics.tree_solver import tree_solver
 
 EULER, RK4 = mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4
@@ -97,7 +97,7 @@ class Locomotion(MjxTask):
 
     def referee(self):
         name, settings = self.gymnasium
-        return GymnasiumReferee(name, self.spec, frame_skip=self.frame_skip, **settings)
+        return GymnasiumCEngine(name, self.spec, frame_skip=self.frame_skip, **settings)
 
     def observe(self, physics):
         return jnp.concatenate([physics.qpos[self.first_observed :], physics.qvel])
@@ -107,7 +107,7 @@ class Locomotion(MjxTask):
         return velocity - self.control_cost * jnp.sum(action**2)
 
     def substep(self, physics, ctrl):
-        return for_one_kernel(self._substep)(physics, ctrl)
+        return without_scatters(self._substep)(physics, ctrl)
 
     def _substep(self, physics: Physics, ctrl: jax.Array) -> Physics:
         if self.model.opt.integrator == RK4:

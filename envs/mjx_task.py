@@ -19,7 +19,7 @@ with contextlib.redirect_stdout(io.StringIO()):  # both print about an optional 
 from eairl_jax.envs.visuals import dress
 
 if TYPE_CHECKING:
-    from eairl_jax.envs.c_engine import Referee
+    from eairl_jax.envs.c_engine import CEngine
 
 
 class Camera(NamedTuple):
@@ -109,11 +109,11 @@ class MjxTask(Env):
         data = mjx.step(self._mjx_model, data)
         return Physics(data.qpos, data.qvel, data.qacc_warmstart)
 
-    def referee(self) -> Referee:
+    def referee(self) -> CEngine:
         """One environment of this task in the C engine, with every iteration that its solver needs."""
-        from eairl_jax.envs.c_engine import ModelReferee  # which builds on this module
+        from eairl_jax.envs.c_engine import MujocoCEngine  # which builds on this module
 
-        return ModelReferee(self)
+        return MujocoCEngine(self)
 
     def reset(self, rng: jax.Array) -> State:
         """Starts an episode. No physics is computed, so a reset costs next to nothing inside a rollout."""

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 
-from eairl_jax.envs.c_engine import PendulumReferee
+from eairl_jax.envs.c_engine import PendulumCEngine
 from eairl_jax.envs.mjx_task import Camera, MjxTask, Physics
 
 MAX_SPEED = 8.0  # rad/s
@@ -77,7 +77,7 @@ class Pendulum(MjxTask):
         return -(angle**2 + 0.1 * speed**2 + 0.001 * action[0] ** 2)
 
     def referee(self):
-        return PendulumReferee()
+        return PendulumCEngine()
 
     def substep(self, physics, ctrl):
         # Gymnasium clips the speed after integrating it and before integrating the angle with it.

@@ -36,7 +36,8 @@ Forms = Annotated[
         "for transfer), default (the method's own). Several give several rows."),
 ]  # fmt: skip
 Out = Annotated[
-    Path | None, own_default(metavar="DIR", help="Folder of the run. Default: runs/ and a name made of the arguments.")
+    Path | None,
+    own_default(metavar="DIR", help="RunFolder of the run. Default: runs/ and a name made of the arguments."),
 ]
 Demos = Annotated[
     Path | None, own_default(metavar="FILE", help="Demonstrations (.npz). Default: the 20 episodes that we ship.")
@@ -99,7 +100,7 @@ class Collect:
 
     task: Task
     expert: Annotated[
-        Path | None, own_default(metavar="DIR", help="Folder of `eairl expert`. Default: runs/expert-TASK.")
+        Path | None, own_default(metavar="DIR", help="RunFolder of `eairl expert`. Default: runs/expert-TASK.")
     ] = None
     episodes: int = 20
     """How many episodes."""
@@ -271,7 +272,7 @@ class Evaluate:
     contact and a solver that converges.
     """
 
-    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a finished run.")]
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="RunFolder of a finished run.")]
     engine: Annotated[
         Literal["mjx", "c", "exact"],
         arg(help="mjx alone; or beside it c, the C engine with the task's own integrator; or exact, with Gymnasium's "
@@ -296,7 +297,7 @@ class View:
     The pictures need OpenGL (without a display EGL, which `MUJOCO_GL` chooses otherwise); the page does not.
     """
 
-    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a finished run.")]
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="RunFolder of a finished run.")]
     seed: Annotated[int | None, own_default(help="Whose policy. Default: the run's first.")] = None
     out: Annotated[Path | None, own_default(metavar="DIR", help="Where to write. Default: RUN/view.")] = None
 

@@ -25,7 +25,7 @@ class Recipe:
       config, hparams: static settings, and floats.
       snapshot_every: iterations between snapshots.
       restarts: policies trained for each score; the one that its own reward rates best is kept.
-      source_retrain_iterations: length of a training by which `source_retrain` judges a snapshot.
+      source_retrain_iterations: length of a training by which `source_retrain` discriminates a snapshot.
     """
 
     config: Config
@@ -37,15 +37,15 @@ class Recipe:
 
 # Appendix D.2: entropy and lambda_I 0.001 to imitate, 0.1 and 1.0 to learn a reward; Phi' synced every 2 and 5.
 PURPOSE_DEFAULTS: dict[str, dict[str, Any]] = {
-    "expert": dict(policy_lr=2e-3, policy_lr_end=0.1, entropy_weight=0.01, entropy_end=0.0, ppo_epochs=8,
+    "expert": dict(policy_lr=2e-3, policy_lr_final_fraction=0.1, entropy_weight=0.01, entropy_final_fraction=0.0, ppo_epochs=8,
                    ppo_minibatches=8, iterations=200, snapshot_every=40),
     "imitate": dict(entropy_weight=0.001, lambda_i=0.001, phi_sync_interval=2, iterations=200, snapshot_every=40),
     "reward": dict(entropy_weight=0.1, lambda_i=1.0, phi_sync_interval=5, iterations=120, snapshot_every=40),
     # Explore wide and without haste (std 2.7 at first), then settle (0.05 of it), with a horizon as long as the
     # episode: a policy has to leave the straight way to find a passage, and is scored while it acts. The std was chosen
     # by the true return in the left maze; gamma and lambda by *learned* returns alone, of rewards put to use elsewhere.
-    "retrain": dict(policy_lr=1.5e-3, policy_lr_end=0.1, gamma=0.999, gae_lambda=1.0, entropy_weight=0.01,
-                    entropy_end=0.0, std_end=0.05, log_std_init=1.0, log_std_max=1.2, ppo_epochs=4, ppo_minibatches=8,
+    "retrain": dict(policy_lr=1.5e-3, policy_lr_final_fraction=0.1, gamma=0.999, gae_lambda=1.0, entropy_weight=0.01,
+                    entropy_final_fraction=0.0, std_final_fraction=0.05, log_std_init=1.0, log_std_max=1.2, ppo_epochs=4, ppo_minibatches=8,
                     iterations=80, snapshot_every=40, restarts=4, source_retrain_iterations=50),
 }  # fmt: skip
 
@@ -71,8 +71,8 @@ WALK = dict(policy_lr=1e-3, gamma=0.995, entropy_weight=0.003, log_std_max=0.0,
 # executed: three fifths of the expert's lie beyond their bounds (0.76 to 0.79, and twice as fast at first with a nearer
 # horizon: an adversary rewards the next second best). A discriminator wide enough to tell a gait that is nearly right,
 # in larger steps (0.89). A std that ends at a tenth: policies of 0.76 walked at 0.90 by their mean actions (0.95).
-TUNED = dict(actions="executed", hidden=(128, 128), policy_hidden=(64, 64), policy_activation="tanh", ppo_epochs=6,
-             gamma=0.98, gae_lambda=0.9, discriminator_lr=3e-3, policy_lr_end=0.1, std_end=0.1)  # fmt: skip
+TUNED = dict(actions="clipped", hidden=(128, 128), policy_hidden=(64, 64), policy_activation="tanh", ppo_epochs=6,
+             gamma=0.98, gae_lambda=0.9, discriminator_lr=3e-3, policy_lr_final_fraction=0.1, std_final_fraction=0.1)  # fmt: skip
 # Judged in the source alone (seeds 0 and 1; that the reward had to get simpler was known from the target). The reward
 # of a policy that has long left the start says little of how to get going: hence a fresh policy every 50 iterations,
 # told from the expert beside all before it. What a reward has never seen may pay anything, and fresh policies stood
@@ -82,9 +82,9 @@ TUNED = dict(actions="executed", hidden=(128, 128), policy_hidden=(64, 64), poli
 # is 0.56, 0.43, 0.23 and 0.19 (the other penalty: 0.46), and on the last reward fresh policies reach what they reach
 # on the true one (613 and 619 after 1.28M steps; rewards of the gait itself are faster to learn from: 778 with 0.03,
 # 935 with the other penalty).
-SPARSE = dict(TUNED, hidden=(32, 32), std_end=1.0, input_sparsity=0.1, entropy_weight=0.001, lambda_i=0.01,
-              phi_sync_interval=2, iterations=200, snapshot_every=50, restart_every=50, history="all")  # fmt: skip
-WHOLE_EPISODES = dict(num_envs=16, rollout_length=500, iterations=320)  # what judges trajectories needs
+SPARSE = dict(TUNED, hidden=(32, 32), std_final_fraction=1.0, input_sparsity=0.1, entropy_weight=0.001, lambda_i=0.01,
+              phi_sync_interval=2, iterations=200, snapshot_every=50, policy_reset_every=50, history="all")  # fmt: skip
+WHOLE_EPISODES = dict(num_envs=16, rollout_length=500, iterations=320)  # what discriminates trajectories needs
 WALKER = {
     "all": dict(num_envs=128, rollout_length=50, ppo_minibatches=16),
     "imitate": dict(iterations=400),  # 2.56M steps, as in the paper's release
@@ -97,8 +97,8 @@ WALKER = {
     # In the source, on two rewards, four policies of four walked with any of these temperatures: the ant's return after
     # 1.28M steps was 836 with 1, 922 with 0.3, 935 with 0.1 and 928 with 0.03 (3.84M steps with 1: 1036). Without one,
     # on the reward of an earlier recipe, none of eight left the spot.
-    "retrain": WALK | dict(actions="executed", temperature=0.1, temperature_end=0.0, entropy_weight=0.001, gamma=0.98,
-                           gae_lambda=0.9, log_std_init=-0.5, log_std_max=0.5, std_end=1.0, iterations=600,
+    "retrain": WALK | dict(actions="clipped", temperature=0.1, temperature_final_fraction=0.0, entropy_weight=0.001, gamma=0.98,
+                           gae_lambda=0.9, log_std_init=-0.5, log_std_max=0.5, std_final_fraction=1.0, iterations=600,
                            restarts=1, source_retrain_iterations=150),
 }  # fmt: skip
 ANT = WALKER | {"expert": WALK | dict(iterations=3000)}
@@ -118,7 +118,7 @@ SWIMMER = {
     "imitate gan_gcl": WHOLE_EPISODES,
     "reward": dict(iterations=320),
     "reward gan_gcl": WHOLE_EPISODES,
-    "retrain": dict(policy_lr=1e-3, std_end=1.0, log_std_init=-0.5, log_std_max=1.0,
+    "retrain": dict(policy_lr=1e-3, std_final_fraction=1.0, log_std_init=-0.5, log_std_max=1.0,
                     ppo_epochs=8, iterations=200, restarts=1, source_retrain_iterations=100),
 }  # fmt: skip
 
@@ -186,8 +186,10 @@ def check_hparams(hparams: HParams, config: Config) -> None:
             raise InputError(f"{name} = {value}: expected a number, 0 or more")
     if config.optimizer == "trpo" and not hparams.kl_limit > 0:
         raise InputError(f"kl_limit = {hparams.kl_limit}: TRPO never moves then; expected more than 0, e.g. 0.01")
-    if not hparams.std_end > 0:
-        raise InputError(f"std_end = {hparams.std_end}: expected a share of the policy's std above 0, e.g. 0.1")
+    if not hparams.std_final_fraction > 0:
+        raise InputError(
+            f"std_final_fraction = {hparams.std_final_fraction}: expected a share of the policy's std above 0, e.g. 0.1"
+        )
     for name in ("gamma", "gae_lambda"):
         if getattr(hparams, name) > 1:
             raise InputError(f"{name} = {getattr(hparams, name)}: expected at most 1")

@@ -76,7 +76,11 @@ def max_ent_irl(leads_to):
 @functools.cache
 def adversarial(stays, **changes):
     """`(reward [states, actions], total variation from the policy's occupancy to the expert's)`, before and after."""
-    leads_to, rng, config = board(stays), np.random.default_rng(0), methods.resolve(Config(hidden=(32,), **changes))
+    leads_to, rng, config = (
+        board(stays),
+        np.random.default_rng(0),
+        methods.with_method_defaults(Config(hidden=(32,), **changes)),
+    )
     state, action = (index.ravel() for index in np.indices(leads_to.shape))
     one_hot, none = np.eye(STATES), np.zeros(state.size)
     pairs = discriminator.Samples(

@@ -20,7 +20,7 @@ from jax.extend import core
 CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
 
 
-def for_one_kernel(function: Callable) -> Callable:
+def without_scatters(function: Callable) -> Callable:
     """The same function of arrays, with gathers for its scatters; one at places that depend on the arguments stays."""
 
     @functools.wraps(function)

@@ -31,7 +31,7 @@ from eairl_jax.experiments.display.plots import peak_memory_gb
 from eairl_jax.experiments.pipeline.learn import Job, prepare
 from eairl_jax.experiments.pipeline.run_folder import machine, writable
 from eairl_jax.experiments.pipeline.train import LEARN, console, lane_keys
-from eairl_jax.methods import METHODS, resolve
+from eairl_jax.methods import METHODS, with_method_defaults
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.storage import write_json
 from eairl_jax.types import PyTree, no_penalty
@@ -134,7 +134,7 @@ def whole_iterations(job: Job, iterations: int) -> tuple[dict[str, Callable[[], 
 
 def stages(job: Job, iterations: int) -> dict[str, Callable[[], None]]:
     """A program for each stage of an iteration of one seed, and one for the simulation in it alone."""
-    config, hparams, env = resolve(job.recipe.config), job.recipe.hparams, job.env
+    config, hparams, env = with_method_defaults(job.recipe.config), job.recipe.hparams, job.env
     optimizer = make_optimizer(env, config)
     state = jax.jit(make_irl(env, config).init)(jax.random.PRNGKey(0), hparams)
     acting, raw = jax.jit(lambda s: agent.collect(s.key, s.actor, env, optimizer, config))(state)

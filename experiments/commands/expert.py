@@ -11,7 +11,7 @@ from eairl_jax import InputError, Lanes, make_rl
 from eairl_jax.experiments.display.plots import Curve, Row, plot, print_table
 from eairl_jax.experiments.paper import published as paper
 from eairl_jax.experiments.pipeline.algorithms import refuse_meaningless
-from eairl_jax.experiments.pipeline.run_folder import Folder
+from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.train import LEARN, default_out, final_returns, lane_keys, say, train
 from eairl_jax.experiments.recipes import make_env, parse_overrides, recipe
 
@@ -31,7 +31,7 @@ def command(task: str, seeds: int, out: Path | None, assignments: tuple[str, ...
         "hparams": dataclasses.asdict(own.hparams),
         "snapshot_every": own.snapshot_every,
     }
-    folder = Folder(out or default_out(f"expert-{task}"), settings)
+    folder = RunFolder(out or default_out(f"expert-{task}"), settings)
     summary = folder.summary()
     if summary is None:
         algorithm = make_rl(env, own.config)
@@ -52,7 +52,7 @@ def command(task: str, seeds: int, out: Path | None, assignments: tuple[str, ...
         }
         curve = Curve("true return", "", folder.curve("true_return", seeds), own.config.steps_per_iteration)
         plot(folder.path / "curves.png", f"Experts of {task}", [curve])
-        folder.finish(summary)
+        folder.write_summary(summary)
     published = [paper.row(table, task, "expert") for table in (paper.IMITATION, paper.TRANSFER)]
     rows = [
         Row("sampled policy", np.array(summary["returns"]), next((p for p in published if p), None)),

@@ -11,7 +11,7 @@ from eairl_jax import InputError
 from eairl_jax.config import choose
 from eairl_jax.experiments.display.plots import Row, plot_sweep, print_table, summarize
 from eairl_jax.experiments.pipeline.learn import Job, learn, prepare, warn_if_saturated
-from eairl_jax.experiments.pipeline.run_folder import Folder
+from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.train import default_out, final_returns, say
 from eairl_jax.experiments.recipes import SETTINGS, parse_overrides, recipe
 from eairl_jax.types import HParams
@@ -35,7 +35,7 @@ def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: 
     rows = [Row("expert", np.array([job.reference.expert]), None, 1.0)]
     rows += [Row(name_of(r["point"]), np.array(r["returns"]), None, r["normalized"]) for r in summary["rows"]]
     lanes = [f"{name_of(point)} seed {seed}" for point in points for seed in job.seeds]
-    warn_if_saturated(Folder(where, job.settings() | {"sweep": points}), job, lanes)
+    warn_if_saturated(RunFolder(where, job.settings() | {"sweep": points}), job, lanes)
     print_table(f"{job.row} in {task}: true return, {len(seeds)} seeds for each setting", rows)
     say(f"in {where}/; curves.png shows them side by side")
 
@@ -71,7 +71,7 @@ def name_of(point: dict[str, float]) -> str:
 
 def sweep(job: Job, points: list[dict[str, float]], out: Path, command: str) -> dict:
     """Runs a sweep to its end, or goes on with it; returns the summary that it leaves."""
-    folder = Folder(out, job.settings() | {"sweep": points})
+    folder = RunFolder(out, job.settings() | {"sweep": points})
     summary = folder.summary()
     if summary is None:
         algorithm, state = learn(folder, job, points)
@@ -88,5 +88,5 @@ def sweep(job: Job, points: list[dict[str, float]], out: Path, command: str) -> 
         plot_sweep(folder.path / "curves.png", f"{job.row} in {job.task}", names, returns, curves,
                    config.steps_per_iteration, job.reference.expert)  # fmt: skip
         summary = {"command": command, "rows": rows}
-        folder.finish(summary)
+        folder.write_summary(summary)
     return summary

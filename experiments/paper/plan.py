@@ -15,7 +15,7 @@ from eairl_jax.experiments.paper import published as paper
 from eairl_jax.experiments.pipeline import learn, transfer
 from eairl_jax.experiments.pipeline.learn import Job
 from eairl_jax.experiments.pipeline.retrain import Target, as_target, kept_curves, on_reward, target_settings
-from eairl_jax.experiments.pipeline.run_folder import Folder, digest, machine
+from eairl_jax.experiments.pipeline.run_folder import RunFolder, digest, machine
 from eairl_jax.experiments.pipeline.select import Rule
 from eairl_jax.experiments.pipeline.train import RUNS, say
 from eairl_jax.experiments.recipes import make_env
@@ -86,7 +86,7 @@ OTHERS = (("gail", "default"), ("gan_gcl", "default"))
 IMITATED = ("pendulum", "swimmer", "half_cheetah", "ant")
 IMITATORS = ("bc", "gail", "gan_gcl", "airl_s", "airl_sa", "eairl", "eairl_release")
 ABLATIONS = (("shaping=none",), ("shaping=learned",), ("lambda_i=0",), ("lambda_i=0.001",), ("lambda_i=0.1",),
-             ("l_i_actions=drawn",), ("history_length=1",))  # fmt: skip
+             ("l_i_actions=resampled",), ("history_length=1",))  # fmt: skip
 
 
 def _moved(pair: tuple[str, str], chosen: tuple[tuple[str, str], ...] = MOVED) -> list[Entry]:
@@ -136,7 +136,7 @@ EXPERIMENTS: dict[str, list[Entry]] = {
         *(Entry(task, method) for task in IMITATED for method in IMITATORS),
         Entry("half_cheetah", "eairl", tuned=True),
         # Is it the expert's actions beyond their bounds that the paper's settings fall short by?
-        Entry("half_cheetah", "eairl", settings=("actions=executed",)),
+        Entry("half_cheetah", "eairl", settings=("actions=clipped",)),
         *(Entry("ant", method, tuned=True) for method in ("eairl", "gail", "airl_sa", "airl_s")),
     ],
     "ablations": [*_ablated(MAZES[0]),
@@ -237,7 +237,7 @@ def train(entry: Entry, job: Job, places: Places, out: Path, line: str) -> dict:
     if entry.target is None:
         where = out / f"imitate-{job.task}-{job.row}"
         summary = learn.imitate(job, where, line)
-        curves, steps = Folder(where, job.settings()).curve("true_return", len(job.seeds)), job.recipe.config
+        curves, steps = RunFolder(where, job.settings()).curve("true_return", len(job.seeds)), job.recipe.config
     else:
         source, target = (places[task, entry.retrain] for task in (entry.task, entry.target))
         rule = Rule.parse(entry.rule, job.recipe, source.recipe)

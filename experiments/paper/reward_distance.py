@@ -20,7 +20,7 @@ from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.pipeline import learn
 from eairl_jax.experiments.pipeline.learn import Job
 from eairl_jax.experiments.pipeline.retrain import Target, kept_curves, tail
-from eairl_jax.experiments.pipeline.run_folder import Folder
+from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.scores import shipped
 from eairl_jax.experiments.pipeline.train import CLOSENESS, lane_keys
 from eairl_jax.storage import read_json, write_json
@@ -126,7 +126,7 @@ def of_task(
     return measured
 
 
-def of_transfer(folder: Folder, learning: Folder, job: Job, target: Target) -> dict[str, dict]:
+def of_transfer(folder: RunFolder, learning: RunFolder, job: Job, target: Target) -> dict[str, dict]:
     """The measures of a transfer's reward in its source and in its target; kept in the transfer's folder.
 
     In the target also what the policies that were trained on the reward are worth to it, in the end. Are they worth

@@ -5,21 +5,21 @@ from __future__ import annotations
 from eairl_jax import Algorithm, Config, Demonstrations, InputError, make_bc, make_irl
 from eairl_jax.discriminator_data import check_segments
 from eairl_jax.envs.mjx_task import MjxTask
-from eairl_jax.methods import resolve, uses_empowerment
+from eairl_jax.methods import with_method_defaults, uses_empowerment
 
 EMPOWERMENT = frozenset({
     "lambda_i", "beta", "phi_lr", "inverse_lr", "empowerment_updates", "empowerment_batch", "inverse_loss",
-    "phi_sync_interval", "l_i_power", "l_i_actions", "l_i_in", "scoring_phi",
+    "phi_sync_interval", "l_i_power", "l_i_actions", "l_i_in", "policy_phi",
 })  # fmt: skip
 ADVERSARY = frozenset({
-    "discriminator_lr", "history", "history_length", "restart_every", "shaping", "shaping_discount", "reward_form",
-    "reward_obs", "action_part", "judges", "update_order", "gradient_penalty", "action_variance", "input_sparsity",
+    "discriminator_lr", "history", "history_length", "policy_reset_every", "shaping", "shaping_discount", "reward_form",
+    "reward_obs", "action_part", "discriminates", "update_order", "gradient_penalty", "action_variance", "input_sparsity",
     "hidden",
 })  # fmt: skip
 TRPO = frozenset({"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"})
 PPO = frozenset({"clip_eps", "max_grad_norm"})
-SOFT = frozenset({"temperature", "temperature_end"})  # of a reward that is given
-REINFORCEMENT = frozenset({"gamma", "gae_lambda", "entropy_weight", "entropy_end", "std_end"})
+SOFT = frozenset({"temperature", "temperature_final_fraction"})  # of a reward that is given
+REINFORCEMENT = frozenset({"gamma", "gae_lambda", "entropy_weight", "entropy_final_fraction", "std_final_fraction"})
 
 
 def make(env: MjxTask, config: Config) -> Algorithm:
@@ -36,7 +36,7 @@ def meaningless(config: Config) -> frozenset[str]:
     unread = PPO if config.optimizer == "trpo" else TRPO
     if config.method == "bc":
         return PPO | TRPO | EMPOWERMENT | ADVERSARY | REINFORCEMENT
-    resolved = resolve(config)
+    resolved = with_method_defaults(config)
     if resolved.reward_form != "separable":
         unread |= {"action_part"}
     return unread if uses_empowerment(resolved) else unread | EMPOWERMENT
@@ -59,4 +59,4 @@ def refuse_meaningless(configs: list[Config], given: set[str], purpose: str | No
 def check(config: Config, demos: Demonstrations) -> None:
     """Raises `InputError` where a method cannot work with its settings or its demonstrations."""
     if config.method != "bc":
-        check_segments(resolve(config), demos.reward.shape[1])
+        check_segments(with_method_defaults(config), demos.reward.shape[1])

@@ -27,11 +27,11 @@ from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.display.plots import Curve, Row, plot, print_table, summarize
 from eairl_jax.experiments.paper import published as paper
 from eairl_jax.experiments.pipeline import algorithms
-from eairl_jax.experiments.pipeline.run_folder import Folder
+from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.scores import Reference, reference, shipped
 from eairl_jax.experiments.pipeline.train import LEARN, console, default_out, final_returns, lane_keys, say, train
 from eairl_jax.experiments.recipes import Recipe, make_env, parse_overrides, recipe
-from eairl_jax.methods import METHODS, names, resolve
+from eairl_jax.methods import METHODS, names, with_method_defaults
 from eairl_jax.types import PyTree
 
 SATURATED_ACCURACY = 0.99
@@ -61,7 +61,7 @@ class Job:
     def row(self) -> str:
         """The row's name: "eairl-separable", "eairl-sa+lambda_i=0"; of a method without a reward the method's."""
         method = self.recipe.config.method
-        row = f"{method}-{resolve(self.recipe.config).reward_form}" if self.has_reward else method
+        row = f"{method}-{with_method_defaults(self.recipe.config).reward_form}" if self.has_reward else method
         return f"{row}+{self.variant}" if self.variant else row
 
     @property
@@ -73,7 +73,7 @@ class Job:
     def is_published(self) -> bool:
         """Whether the row is the method as the paper has it: its own settings and reward form."""
         row = METHODS.get(self.recipe.config.method)
-        own_form = row is None or resolve(self.recipe.config).reward_form == row.reward_form
+        own_form = row is None or with_method_defaults(self.recipe.config).reward_form == row.reward_form
         return own_form and not self.variant and not self.is_changed
 
     def settings(self) -> dict:
@@ -117,7 +117,7 @@ def prepare(task: str, methods: tuple[str, ...], forms: tuple[str, ...], seeds: 
     return list({job.row: job for job in jobs}.values())
 
 
-def learn(folder: Folder, job: Job, points: list[dict[str, float]] | None = None) -> tuple[Algorithm, PyTree]:
+def learn(folder: RunFolder, job: Job, points: list[dict[str, float]] | None = None) -> tuple[Algorithm, PyTree]:
     """Trains a job in a folder, keeping a snapshot of every seed's reward in `snapshots/` (not of a sweep's).
 
     Args:
@@ -150,7 +150,7 @@ def _lanes(job: Job, seeds: Sequence[int], swept: dict[str, np.ndarray]) -> tupl
     return algorithm, Lanes(algorithm, lane_keys(LEARN, seeds), hparams, job.demos)
 
 
-def snapshot_path(folder: Folder, iteration: int) -> Path:
+def snapshot_path(folder: RunFolder, iteration: int) -> Path:
     """Where the rewards of an iteration are kept."""
     return folder.path / "snapshots" / f"{iteration:06d}"
 
@@ -164,7 +164,7 @@ def describe(job: Job, params, iterations: list[int]) -> LearnedReward:
         "action_size": job.env.action_size,
         "action_limit": job.env.action_limit,
         "method": config.method,
-        "reward_form": resolve(config).reward_form,
+        "reward_form": with_method_defaults(config).reward_form,
         "seeds": list(job.seeds),
         "iterations": iterations,
         "hparams": dataclasses.asdict(job.recipe.hparams),
@@ -174,7 +174,7 @@ def describe(job: Job, params, iterations: list[int]) -> LearnedReward:
 
 def imitate(job: Job, out: Path, command: str) -> dict:
     """Runs a job to its end, or goes on with it; returns the summary that it leaves."""
-    folder = Folder(out, job.settings())
+    folder = RunFolder(out, job.settings())
     summary = folder.summary()
     if summary is None:
         algorithm, state = learn(folder, job)
@@ -185,13 +185,13 @@ def imitate(job: Job, out: Path, command: str) -> dict:
         summary = summarize(command, job.task, None, config.method, job.seeds, returns,
                             config.env_steps, folder.seconds(), job.reference, row=job.row)  # fmt: skip
         plot(folder.path / "curves.png", f"{job.row}: imitation of {job.task}", imitation_curves(folder, job))
-        folder.finish(summary)
+        folder.write_summary(summary)
     say(f"{job.row}: in {folder.path}/")
     warn_if_saturated(folder, job)
     return summary
 
 
-def warn_if_saturated(folder: Folder, job: Job, lanes: list[str] | None = None) -> None:
+def warn_if_saturated(folder: RunFolder, job: Job, lanes: list[str] | None = None) -> None:
     """Says so if a discriminator was right about nearly everything for most of the run: it then teaches little.
 
     Args:
@@ -211,7 +211,7 @@ def warn_if_saturated(folder: Folder, job: Job, lanes: list[str] | None = None) 
         )
 
 
-def imitation_curves(folder: Folder, job: Job) -> list[Curve]:
+def imitation_curves(folder: RunFolder, job: Job) -> list[Curve]:
     """True return, discriminator accuracy and reward of a run in `folder`."""
     steps = job.recipe.config.steps_per_iteration
 

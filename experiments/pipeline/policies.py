@@ -14,7 +14,7 @@ from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.pipeline import algorithms
 from eairl_jax.experiments.pipeline.learn import take_rows
 from eairl_jax.experiments.pipeline.retrain import best_restarts, tail
-from eairl_jax.experiments.pipeline.run_folder import Folder
+from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.recipes import make_env
 from eairl_jax.storage import read_json
 from eairl_jax.types import PyTree
@@ -78,7 +78,7 @@ def load(path: Path) -> Policies:
         raise InputError(f"{path} has lost its last checkpoint ({config.iterations}), where its policies were")
     state = Checkpoints(path / "checkpoints").restore(config.iterations, like)
     if restarts > 1:
-        state = take_rows(state, best_restarts(Folder(path, settings), restarts, len(seeds)))
+        state = take_rows(state, best_restarts(RunFolder(path, settings), restarts, len(seeds)))
     return Policies(task, env, algorithm, state, seeds, settings)
 
 
@@ -93,7 +93,7 @@ def best_expert(path: Path, task: str) -> Policies:
     experts = load(path)
     if experts.task != task or {"demonstrations", "retrain_config"} & set(experts.settings):
         raise InputError(f"{path} holds no expert of {task}: train one with `eairl expert {task}`")
-    best = int(np.argmax(tail(Folder(path, experts.settings).curve("true_return", len(experts.seeds)))))
+    best = int(np.argmax(tail(RunFolder(path, experts.settings).curve("true_return", len(experts.seeds)))))
     said = experts.settings | {"chosen_seed": best, "chosen_by": "training return of the last tenth"}
     return dataclasses.replace(
         experts, state=take_rows(experts.state, np.array([best])), seeds=[experts.seeds[best]], settings=said

@@ -14,7 +14,7 @@ from eairl_jax import Algorithm, Config, InputError, Lanes, LearnedReward, demon
 from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.pipeline.algorithms import refuse_meaningless
 from eairl_jax.experiments.pipeline.learn import take_rows
-from eairl_jax.experiments.pipeline.run_folder import Folder, digest
+from eairl_jax.experiments.pipeline.run_folder import RunFolder, digest
 from eairl_jax.experiments.pipeline.scores import Reference, reference, shipped
 from eairl_jax.experiments.pipeline.train import RETRAIN, final_returns, lane_keys, train
 from eairl_jax.experiments.recipes import Recipe, parse_overrides, recipe
@@ -74,7 +74,7 @@ def target_settings(target: Target) -> dict:
     }
 
 
-def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | None, params: PyTree,
+def retrain(folder: RunFolder, title: str, target: Target, reward: LearnedReward | None, params: PyTree,
             labels: list[dict], phase: int) -> tuple[Algorithm, PyTree]:  # fmt: skip
     """Trains a fresh policy a lane in the target task, on learned rewards `[lanes, ...]` or, if None, on the true one.
 
@@ -95,7 +95,7 @@ def retrain(folder: Folder, title: str, target: Target, reward: LearnedReward | 
 
 
 def score(
-    folder: Folder, title: str, target: Target, reward: LearnedReward | None, seeds: Sequence[int]
+    folder: RunFolder, title: str, target: Target, reward: LearnedReward | None, seeds: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trains `target.recipe.restarts` policies for each seed and keeps the best *by the reward it was trained on*.
 
@@ -113,13 +113,13 @@ def score(
     return kept_curves(folder, target, len(seeds)), returns
 
 
-def kept_curves(folder: Folder, target: Target, seeds: int, metric: str = "true_return") -> np.ndarray:
+def kept_curves(folder: RunFolder, target: Target, seeds: int, metric: str = "true_return") -> np.ndarray:
     """A metric `[seeds, iterations]` of the kept policies while they were trained."""
     restarts = target.recipe.restarts
     return folder.curve(metric, restarts * seeds)[best_restarts(folder, restarts, seeds)]
 
 
-def best_restarts(folder: Folder, restarts: int, seeds: int) -> np.ndarray:
+def best_restarts(folder: RunFolder, restarts: int, seeds: int) -> np.ndarray:
     """Lanes `[seeds]` of the policies that their own reward rates best at the end."""
     by_reward = tail(folder.curve("policy_reward", restarts * seeds)).reshape(restarts, seeds)
     return by_reward.argmax(axis=0) * seeds + np.arange(seeds)
@@ -133,10 +133,10 @@ def tail(curves: np.ndarray) -> np.ndarray:
 def ceiling(target: Target, seeds: Sequence[int], out: Path) -> np.ndarray:
     """True returns `[seeds]` of policies trained on the true reward under the very same budget; trained once."""
     settings = target_settings(target) | {"seeds": list(seeds), "reward": "true"}
-    folder = Folder(out / f"ceiling-{target.task}-{digest(settings)}", settings)
+    folder = RunFolder(out / f"ceiling-{target.task}-{digest(settings)}", settings)
     summary = folder.summary()
     if summary is None:
         _, returns = score(folder, f"ceiling: true reward in {target.task}", target, None, seeds)
         summary = {"returns": returns.tolist(), "mean": float(returns.mean()), **folder.seconds()}
-        folder.finish(summary)
+        folder.write_summary(summary)
     return np.array(summary["returns"])

@@ -26,7 +26,7 @@ MINIMUM_FREE_BYTES = 50_000_000
 PACKAGES = ("eairl-jax", "jax", "brax", "mujoco", "mujoco-mjx", "flax", "optax", "orbax-checkpoint", "numpy")
 
 
-class Folder:
+class RunFolder:
     """The folder of one run.
 
     Opening it claims it: `config.json` is written the first time and must agree ever after, so that a command only
@@ -60,7 +60,7 @@ class Folder:
             write_json(config, {"settings": settings, "machine": machine()})
 
     @contextlib.contextmanager
-    def alone(self) -> Iterator[None]:
+    def locked(self) -> Iterator[None]:
         """While it holds, no other process trains in the folder: two would mix their metrics and checkpoints.
 
         Raises:
@@ -79,7 +79,7 @@ class Folder:
         path = self.path / "summary.json"
         return read_json(path) if path.exists() else None
 
-    def finish(self, summary: dict) -> None:
+    def write_summary(self, summary: dict) -> None:
         """Marks the run as finished."""
         write_json(self.path / "summary.json", summary)
 

@@ -12,7 +12,7 @@ import numpy as np
 from eairl_jax import InputError, LearnedReward, load_reward
 from eairl_jax.experiments.pipeline.learn import Job, describe, snapshot_path, untrained
 from eairl_jax.experiments.pipeline.retrain import Target, retrain, tail, target_settings
-from eairl_jax.experiments.pipeline.run_folder import Folder
+from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.train import SOURCE_RETRAIN
 from eairl_jax.experiments.recipes import Recipe, divisor
 
@@ -70,7 +70,7 @@ def snapshots_of(job_recipe: Recipe) -> list[int]:
 
 
 def choose_reward(
-    folder: Folder, learning: Folder, job: Job, rule: Rule, source: Target
+    folder: RunFolder, learning: RunFolder, job: Job, rule: Rule, source: Target
 ) -> tuple[LearnedReward, dict[str, Any]]:
     """Takes each seed's reward from the snapshots of `learning`; also says what the rule saw."""
     if rule.kind == "random":
@@ -89,7 +89,7 @@ def choose_reward(
     config = dataclasses.replace(source.recipe.config, iterations=rule.iterations)
     chunk = divisor(rule.iterations, max(1, rule.iterations // 2))
     short = dataclasses.replace(source, recipe=dataclasses.replace(source.recipe, config=config, snapshot_every=chunk))
-    inner = Folder(folder.path / "source_retrain", {"rule": dataclasses.asdict(rule)} | target_settings(short))
+    inner = RunFolder(folder.path / "source_retrain", {"rule": dataclasses.asdict(rule)} | target_settings(short))
     title = f"{job.row}: retraining on {len(kept)} snapshots in {job.task}"
     retrain(inner, title, short, rewards[0], params, labels, SOURCE_RETRAIN)
     # As in the target: of the repeats the one that its own reward rates best. Not their mean, which is low where one

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from eairl_jax import Algorithm, Checkpoints, Lanes, evaluate
 from eairl_jax.envs.mjx_task import MjxTask
-from eairl_jax.experiments.pipeline.run_folder import Folder
+from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.recipes import Recipe
 from eairl_jax.types import PyTree
 
@@ -50,7 +50,7 @@ def lane_keys(phase: int, *numbers: Sequence[int]) -> jax.Array:
 
 
 def train(
-    folder: Folder,
+    folder: RunFolder,
     title: str,
     lanes: Lanes,
     recipe: Recipe,
@@ -74,7 +74,7 @@ def train(
       Diverged: when a metric is no longer finite.
       InputError: if another process is training in the folder.
     """
-    with folder.alone():
+    with folder.locked():
         config, chunk = recipe.config, recipe.snapshot_every
         checkpoints = Checkpoints(folder.path / "checkpoints")
         state = lanes.init()

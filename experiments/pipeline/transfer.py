@@ -15,11 +15,11 @@ from eairl_jax.experiments.paper import published as paper
 from eairl_jax.experiments.pipeline import learn as imitate
 from eairl_jax.experiments.pipeline.learn import Job
 from eairl_jax.experiments.pipeline.retrain import Target, as_target, ceiling, score, target_settings
-from eairl_jax.experiments.pipeline.run_folder import Folder, digest
+from eairl_jax.experiments.pipeline.run_folder import RunFolder, digest
 from eairl_jax.experiments.pipeline.select import Rule, choose_reward
 from eairl_jax.experiments.pipeline.train import RUNS, final_returns, say
 from eairl_jax.experiments.recipes import make_env
-from eairl_jax.methods import METHODS, resolve
+from eairl_jax.methods import METHODS, with_method_defaults
 
 
 def transfer(job: Job, rule: Rule, source: Target, target: Target, out: Path, command: str) -> dict:
@@ -46,15 +46,15 @@ def transfer(job: Job, rule: Rule, source: Target, target: Target, out: Path, co
     return summary
 
 
-def learning_of(job: Job, out: Path) -> Folder:
+def learning_of(job: Job, out: Path) -> RunFolder:
     """Where a job's reward is learned."""
-    return Folder(learning_path(out, job.task, job.row, job.settings()), job.settings())
+    return RunFolder(learning_path(out, job.task, job.row, job.settings()), job.settings())
 
 
-def folder_of(job: Job, rule: Rule, target: Target, out: Path) -> Folder:
+def folder_of(job: Job, rule: Rule, target: Target, out: Path) -> RunFolder:
     """Where a reward is put to use."""
     settings = job.settings() | target_settings(target) | {"rule": dataclasses.asdict(rule)}
-    return Folder(use_path(out, job.task, target.task, row_of(job, target), str(rule)), settings)
+    return RunFolder(use_path(out, job.task, target.task, row_of(job, target), str(rule)), settings)
 
 
 def row_of(job: Job, target: Target) -> str:
@@ -72,18 +72,18 @@ def use_path(out: Path, task: str, target: str, row: str, rule: str) -> Path:
     return out / f"transfer-{task}-to-{target}-{row}-{rule}"
 
 
-def learn(folder: Folder, job: Job) -> dict:
+def learn(folder: RunFolder, job: Job) -> dict:
     """Learns the rewards that rows share, once; returns how well their policies imitate in the source."""
     summary = folder.summary()
     if summary is None:
         algorithm, state = imitate.learn(folder, job)
         returns = final_returns(job.env, algorithm, state, job.seeds).mean(axis=1)
         summary = {"imitation_returns": returns.tolist()}
-        folder.finish(summary)
+        folder.write_summary(summary)
     return summary
 
 
-def move_policy(folder: Folder, learning: Folder, job: Job, target: Target, command: str, more: dict) -> dict:
+def move_policy(folder: RunFolder, learning: RunFolder, job: Job, target: Target, command: str, more: dict) -> dict:
     """Scores the policy that imitates in the source as it is in the target, and finishes the folder."""
     algorithm, state = imitate.learn(learning, job)
     returns = final_returns(target.env, algorithm, state, job.seeds).mean(axis=1)
@@ -91,7 +91,7 @@ def move_policy(folder: Folder, learning: Folder, job: Job, target: Target, comm
     more |= {"ceiling": best.tolist(), "chosen_iterations": []}
     summary = summarize(command, job.task, target.task, job.recipe.config.method, job.seeds, returns, 0,
                         learning.seconds(), target.reference, **more)  # fmt: skip
-    folder.finish(summary)
+    folder.write_summary(summary)
     return summary
 
 
@@ -99,7 +99,7 @@ def _sum(*seconds: dict[str, float]) -> dict[str, float]:
     return {name: sum(part.get(name, 0.0) for part in seconds) for name in ("compile_seconds", "run_seconds")}
 
 
-def reuse(folder: Folder, reward: LearnedReward, target: Target, seeds: Sequence[int], command: str, row: str,
+def reuse(folder: RunFolder, reward: LearnedReward, target: Target, seeds: Sequence[int], command: str, row: str,
           curves: list[Curve], seconds: dict, more: dict[str, Any]) -> dict:  # fmt: skip
     """Trains fresh policies on a learned reward in the target task and finishes the folder with their score."""
     returned, returns = score(folder, f"{row} in {target.task}", target, reward, seeds)
@@ -113,7 +113,7 @@ def reuse(folder: Folder, reward: LearnedReward, target: Target, seeds: Sequence
     panel = Curve(title, "", returned, config.steps_per_iteration, level)
     curves = [dataclasses.replace(c, panel=f"{c.panel} while learning") for c in curves]
     plot(folder.path / "curves.png", f"{row}: {reward.description['task']} to {target.task}", [*curves, panel])
-    folder.finish(summary)
+    folder.write_summary(summary)
     return summary
 
 
@@ -167,10 +167,13 @@ def command(source: str, target: str, methods: tuple[str, ...], forms: tuple[str
 
 def from_artefact(reward: LearnedReward, path: Path, target: Target, out: Path | None, line: str) -> dict:
     """`--reward DIR`: puts a saved reward to use, a policy for each of its seeds."""
-    row, seeds = f"{reward.config.method}-{resolve(reward.config).reward_form}", reward.description["seeds"]
+    row, seeds = (
+        f"{reward.config.method}-{with_method_defaults(reward.config).reward_form}",
+        reward.description["seeds"],
+    )
     where = (out or RUNS) / f"reuse-{path.resolve().parent.name}-in-{target.task}"
     # What it is, not where: another reward at the same place is another run.
-    folder = Folder(where, target_settings(target) | {"reward": storage.fingerprint(reward.params), "seeds": seeds})
+    folder = RunFolder(where, target_settings(target) | {"reward": storage.fingerprint(reward.params), "seeds": seeds})
     summary = folder.summary()
     if summary is None:
         taken = reward.description.get("iterations", [])  # of one that was saved by hand, nobody knows

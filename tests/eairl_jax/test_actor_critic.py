@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from eairl_jax import HParams
-from eairl_jax.actor_critic import Networks, PolicyState, scale_rewards, shuffle
+from eairl_jax.actor_critic import ActorCritic, PolicyState, scale_rewards, shuffle
 from eairl_jax.gae import gae
 
 
@@ -34,7 +34,7 @@ def test_rewards_are_divided_by_the_running_std_of_the_discounted_return(transit
 
 
 def test_advantages_are_standardised_and_the_value_functions_share_is_reported(tiny, transitions, mlp):
-    nets, batch = Networks.build(2, tiny()), jax.tree.map(jnp.asarray, transitions())
+    nets, batch = ActorCritic.build(2, tiny()), jax.tree.map(jnp.asarray, transitions())
     policy, hparams = nets.init(jax.random.PRNGKey(0), 4), HParams(gamma=0.9, gae_lambda=0.8)
     own = batch.log_prob + 1.0
     after, prepared, explained = nets.prepare(policy, batch, own, hparams)

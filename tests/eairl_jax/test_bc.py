@@ -26,7 +26,7 @@ def clone(toy, tiny):
     """Clones demonstrations: `(algorithm, state before, state after, metrics [iterations])`."""
 
     def run(demos, iterations=40, hparams=None, **changes):
-        hparams = hparams or HParams(policy_lr=1e-2, policy_lr_end=0.0)
+        hparams = hparams or HParams(policy_lr=1e-2, policy_lr_final_fraction=0.0)
         env = toy(ends_at=4, scale=changes.pop("scale", None))
         config = tiny(iterations=iterations, discriminator_updates=20, discriminator_batch=64, **(NETS | changes))
         algorithm = make_bc(env, config)
@@ -95,5 +95,5 @@ def test_of_executed_actions_the_part_beyond_the_bound_has_no_effect(clone):
     action = 0.5 + obs[..., :2]
     far = np.where(action > 1.0, 9.0, action)
     assert (far == 9.0).any()
-    once, again = (clone(made_of(obs, x), iterations=2, actions="executed") for x in (action, far))
+    once, again = (clone(made_of(obs, x), iterations=2, actions="clipped") for x in (action, far))
     jax.tree.map(np.testing.assert_array_equal, once[2], again[2])

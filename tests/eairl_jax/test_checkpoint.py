@@ -27,7 +27,7 @@ def test_a_round_trip_is_bit_equal(tmp_path, equal_trees, dtype, shape):
 
 def test_training_goes_on_after_a_restart_as_if_it_had_never_stopped(tmp_path, built, demos, equal_trees):
     def lanes():
-        rates = HParams(lambda_i=np.array([0.0, 0.5, 2.0]), policy_lr_end=0.1)
+        rates = HParams(lambda_i=np.array([0.0, 0.5, 2.0]), policy_lr_final_fraction=0.1)
         return Lanes(built()[0], jax.random.split(jax.random.PRNGKey(3), 3), rates, demos)
 
     run = lanes()

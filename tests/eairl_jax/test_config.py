@@ -5,8 +5,8 @@ import re
 import pytest
 
 from eairl_jax import METHODS, Config, InputError
-from eairl_jax.config import METHODS_OWN
-from eairl_jax.methods import resolve, uses_empowerment
+from eairl_jax.config import METHOD_DEFAULTS
+from eairl_jax.methods import with_method_defaults, uses_empowerment
 
 REFUSED = [
     *({name: 0} for name in (
@@ -29,9 +29,9 @@ REFUSED = [
     {"l_i_actions": "fresh"},
     {"l_i_in": "cost"},
     {"optimizer": "sac"},
-    {"judges": "pairs"},
+    {"discriminates": "pairs"},
     {"shaping_discount": "two"},
-    {"scoring_phi": "slow"},
+    {"policy_phi": "slow"},
     {"history": "everything"},
     {"update_order": "policy_first"},
     {"policy_activation": "gelu"},
@@ -43,7 +43,7 @@ REFUSED = [
 def test_the_message_names_the_setting_and_the_value(setting):
     ((name, value),) = setting.items()
     with pytest.raises(InputError, match=name) as e:
-        resolve(Config(**setting))
+        with_method_defaults(Config(**setting))
     assert re.search(re.escape(str(value)), str(e.value))
 
 
@@ -63,7 +63,7 @@ def test_the_message_names_the_setting_and_the_value(setting):
 )
 def test_a_typo_is_answered_with_the_nearest_name(setting, meant):
     with pytest.raises(InputError, match=f"did you mean .*{meant}") as e:
-        resolve(Config(**setting))
+        with_method_defaults(Config(**setting))
     assert "Choose one of" in str(e.value)
 
 
@@ -86,14 +86,16 @@ def test_a_good_configuration_is_accepted_hashable_and_counts_its_steps():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_default_is_the_methods_own_choice_and_a_given_one_wins(method):
-    row, own = METHODS[method], resolve(Config(method=method))
-    assert {name: getattr(own, name) for name in METHODS_OWN} == {name: getattr(row, name) for name in METHODS_OWN}
-    assert resolve(own) == own
+    row, own = METHODS[method], with_method_defaults(Config(method=method))
+    assert {name: getattr(own, name) for name in METHOD_DEFAULTS} == {
+        name: getattr(row, name) for name in METHOD_DEFAULTS
+    }
+    assert with_method_defaults(own) == own
     assert uses_empowerment(own) == row.empowerment
-    given = {name: choices[-1] for name, choices in METHODS_OWN.items()}
-    assert resolve(Config(method=method, **given)) == Config(method=method, **given)
-    assert uses_empowerment(resolve(Config(method=method, shaping="both")))
-    assert uses_empowerment(resolve(Config(method=method, shaping="none"))) == row.empowerment
+    given = {name: choices[-1] for name, choices in METHOD_DEFAULTS.items()}
+    assert with_method_defaults(Config(method=method, **given)) == Config(method=method, **given)
+    assert uses_empowerment(with_method_defaults(Config(method=method, shaping="both")))
+    assert uses_empowerment(with_method_defaults(Config(method=method, shaping="none"))) == row.empowerment
 
 
 @pytest.mark.parametrize(
@@ -108,10 +110,10 @@ def test_default_is_the_methods_own_choice_and_a_given_one_wins(method):
     ],
 )
 def test_a_separable_reward_gets_a_learned_potential_beside_phi_unless_told_otherwise(changes, shaping):
-    assert resolve(Config(reward_form="separable", **changes)).shaping == shaping
+    assert with_method_defaults(Config(reward_form="separable", **changes)).shaping == shaping
 
 
 def test_the_last_policy_is_not_cut_short():
-    assert Config(iterations=12, restart_every=4).restart_every == 4
-    with pytest.raises(InputError, match="iterations = 10 is not a multiple of restart_every = 4"):
-        Config(iterations=10, restart_every=4)
+    assert Config(iterations=12, policy_reset_every=4).policy_reset_every == 4
+    with pytest.raises(InputError, match="iterations = 10 is not a multiple of policy_reset_every = 4"):
+        Config(iterations=10, policy_reset_every=4)

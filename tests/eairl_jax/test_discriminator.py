@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eairl_jax import HParams, discriminator, train_state
-from eairl_jax.methods import resolve
+from eairl_jax.methods import with_method_defaults
 
 GAMMA, BATCH = 0.9, 16
 HPARAMS = HParams(gamma=GAMMA)
@@ -39,7 +39,7 @@ def made(tiny):
     """`(resolved config, params)`."""
 
     def make(**changes):
-        config = resolve(tiny(**changes))
+        config = with_method_defaults(tiny(**changes))
         params = discriminator.init(jax.random.PRNGKey(0), 4, 2, config)
         if "raw_cost" in params.get("k", ()):
             params["k"]["raw_cost"] += 0.7
@@ -110,7 +110,7 @@ def test_shaping_telescopes_over_an_episode(terminated):
         ("airl_sa", 1, {"shaping_discount": "one"}),
         ("gail", 1, {}),
         ("gan_gcl", 3, {}),
-        ("eairl", 3, {"judges": "trajectories", "shaping": "both"}),
+        ("eairl", 3, {"discriminates": "trajectories", "shaping": "both"}),
     ],
 )
 def test_loss_is_cross_entropy_with_the_expert_labelled_1(made, samples, expected_f, method, length, changes):

@@ -8,7 +8,7 @@ from scipy import stats
 
 from eairl_jax import HParams, Transition, empowerment, train_state
 from eairl_jax.gaussian import Gaussian
-from eairl_jax.methods import resolve
+from eairl_jax.methods import with_method_defaults
 
 # p(s'|s,a): a row an action. The last one is the symmetric channel, the others have no closed form.
 CHANNELS = np.array(
@@ -79,7 +79,7 @@ def gaussian_channel():
     return Transition(s, a, log_prob, s + a + noise, zero, zero, zero), 0.6, 0.8
 
 
-@pytest.mark.parametrize(("loss", "actions"), [("likelihood", "taken"), ("mse", "taken"), ("mse", "drawn")])
+@pytest.mark.parametrize(("loss", "actions"), [("likelihood", "stored"), ("mse", "stored"), ("mse", "resampled")])
 def test_q_becomes_the_posterior_and_phi_the_mutual_information(tiny, gaussian_channel, loss, actions):
     """E[log q(a|s,s') - log pi(a|s)] = I(A; S'|S) for the true posterior; less by a known amount if q's std is off.
 
@@ -108,7 +108,7 @@ def test_q_becomes_the_posterior_and_phi_the_mutual_information(tiny, gaussian_c
         np.testing.assert_array_equal(state.inverse.params["params"]["raw_log_std"], [0.0])
         np.testing.assert_allclose(metrics["l_q"], posterior**2, rtol=0.1)
     # E log N(a; posterior mean, std) - E log pi, with E (a - posterior mean)^2 = posterior^2.
-    information = np.log(prior / std) + (0.5 * (1 - (posterior / std) ** 2) if actions == "taken" else 0.0)
+    information = np.log(prior / std) + (0.5 * (1 - (posterior / std) ** 2) if actions == "stored" else 0.0)
     phi = empowerment.phi(state.phi.params, batch.obs, config)
     np.testing.assert_allclose(phi[inside[..., 0]].mean(), information, atol=0.04)
     np.testing.assert_allclose(metrics["empowerment"], information, atol=0.05)
@@ -121,7 +121,7 @@ def own_terms(tiny, transitions):
     key = jax.random.PRNGKey(0)
 
     def make(actions):
-        config = resolve(tiny(l_i_actions=actions))
+        config = with_method_defaults(tiny(l_i_actions=actions))
         inverse = empowerment.init(key, 4, 2, config).inverse.params
         shift = {"mean": jnp.array([0.4, -0.2]), "log_std": jnp.array([-1.0, 0.3])}
 
@@ -137,7 +137,7 @@ def own_terms(tiny, transitions):
 
 
 def test_terms_of_the_actions_taken_are_their_own_log_probabilities(own_terms):
-    own, q, _, x, _ = own_terms("taken")
+    own, q, _, x, _ = own_terms("stored")
     np.testing.assert_array_equal(own.action, x.action)
     np.testing.assert_array_equal(own.log_prob, x.log_prob)
     by_hand = stats.norm.logpdf(x.action, q.mean, np.exp(q.log_std)).sum(axis=-1)
@@ -145,7 +145,7 @@ def test_terms_of_the_actions_taken_are_their_own_log_probabilities(own_terms):
 
 
 def test_terms_of_actions_drawn_are_one_of_q_and_another_of_pi(own_terms):
-    own, q, pi, x, slope = own_terms("drawn")
+    own, q, pi, x, slope = own_terms("resampled")
     standard = (own.action - pi.mean) / np.exp(pi.log_std)
     np.testing.assert_allclose(standard.mean(axis=(0, 1)), [0.0, 0.0], atol=0.06)
     np.testing.assert_allclose(standard.std(axis=(0, 1)), [1.0, 1.0], atol=0.05)

@@ -22,7 +22,7 @@ from eairl_jax import (
 )
 from eairl_jax.gaussian import Gaussian
 from eairl_jax.irl import make_irl, reward_function
-from eairl_jax.methods import METHODS, resolve
+from eairl_jax.methods import METHODS, with_method_defaults
 from eairl_jax.normalize import ObsStats
 from eairl_jax.ppo import ppo
 from eairl_jax.types import no_penalty
@@ -64,11 +64,11 @@ CASES = [
 @pytest.mark.parametrize("changes", CASES, ids=lambda changes: " ".join(map(str, changes.values())))
 def test_the_policys_reward_is_the_methods_by_the_networks_just_fitted(one_step, tiny, numpy_f, mlp, scale, changes):
     before, after, metrics = one_step(HPARAMS.replace(lambda_i=0.5), **changes)
-    config = resolve(tiny(**changes))
+    config = with_method_defaults(tiny(**changes))
     x = jax.tree.map(lambda ring: np.asarray(ring[0], np.float64), after.history.transitions)
     assert x.terminated.sum() > 0
     phi, slow = phis(before, after)
-    next_phi = phi if config.scoring_phi == "learning" else slow
+    next_phi = phi if config.policy_phi == "learning" else slow
     f = numpy_f(after.discriminator.params, phi, next_phi, x, config, scale)
     expected = np.log1p(np.exp(f)) if config.method == "gail" else f - x.log_prob
     if config.l_i_in == "reward":
@@ -134,7 +134,7 @@ def test_the_discriminators_loss_by_hand_with_log_pi_of_the_current_policy(toy, 
     """
     config = tiny(method=method, num_envs=1, rollout_length=length, episode_length=5 if length == 1 else length,
                   ppo_minibatches=1, discriminator_updates=1, discriminator_batch=4096 * length)  # fmt: skip
-    algorithm, policy_of, own = make_irl(toy(), config), ppo(4, 2, config).distribution, resolve(config)
+    algorithm, policy_of, own = make_irl(toy(), config), ppo(4, 2, config).distribution, with_method_defaults(config)
     hparams = HPARAMS.replace(policy_lr=0.2, entropy_weight=0.1)
     rng = np.random.default_rng(0)
     demos = Demonstrations(*(rng.uniform(-0.5, 0.5, (1, length, *tail)).astype(np.float32) for tail in (
@@ -160,10 +160,10 @@ def test_the_discriminators_loss_by_hand_with_log_pi_of_the_current_policy(toy, 
     assert np.abs(now[0] - seen.log_prob[0]).max() > 0.2  # the old sample's own log pi is another
 
 
-@pytest.mark.parametrize(("judges", "batch", "length"), [("transitions", 200, 1), ("trajectories", 40, 5)])
-def test_the_discriminator_is_shown_transitions_or_whole_episodes(tiny, transitions, judges, batch, length):
+@pytest.mark.parametrize(("discriminates", "batch", "length"), [("transitions", 200, 1), ("trajectories", 40, 5)])
+def test_the_discriminator_is_shown_transitions_or_whole_episodes(tiny, transitions, discriminates, batch, length):
     """As many samples of the one as of the other: 200 transitions are 40 episodes of five."""
-    config = resolve(tiny(judges=judges, rollout_length=5, discriminator_batch=200))
+    config = with_method_defaults(tiny(discriminates=discriminates, rollout_length=5, discriminator_batch=200))
     raw = jax.tree.map(jnp.asarray, transitions(length=5))
     raw = raw._replace(obs=jnp.arange(5 * 4 * 4.0).reshape(5, 4, 4))
     demos = Demonstrations(
@@ -214,7 +214,7 @@ def untrained(built, tiny, transitions, scale):
 
     def make(**changes):
         state = built()[1](jax.random.PRNGKey(0), HPARAMS)
-        config = resolve(tiny(**changes))
+        config = with_method_defaults(tiny(**changes))
         slow = jax.tree.map(lambda leaf: leaf + 0.1, state.empowerment.phi_target)
         seen = jax.tree.map(jnp.asarray, transitions())
         raw = seen._replace(obs=scale[0] + scale[1] * seen.obs, next_obs=scale[0] + scale[1] * seen.next_obs)
@@ -228,7 +228,7 @@ def untrained(built, tiny, transitions, scale):
 
 
 @pytest.mark.parametrize("scoring", [False, True])
-@pytest.mark.parametrize("changes", [{}, {"scoring_phi": "learning"}, {"shaping_discount": "one"}], ids=str)
+@pytest.mark.parametrize("changes", [{}, {"policy_phi": "learning"}, {"shaping_discount": "one"}], ids=str)
 def test_the_shaping_by_phi_is_a_constant_of_the_phi_and_the_discount_asked_for(untrained, mlp, changes, scoring):
     """The release scores the policy's transitions, and those alone, with Phi itself at s'."""
     config, emp, acting, raw, x, pi = untrained(**changes)
@@ -237,7 +237,7 @@ def test_the_shaping_by_phi_is_a_constant_of_the_phi_and_the_discount_asked_for(
         return discriminator_data.prepare(raw, pi, emp, acting, HPARAMS, config, scoring=scoring)
 
     given = shaping(emp)
-    next_phi = emp.phi.params if scoring and "scoring_phi" in changes else emp.phi_target
+    next_phi = emp.phi.params if scoring and "policy_phi" in changes else emp.phi_target
     discount = 1.0 if "shaping_discount" in changes else GAMMA
     phi, next_phi = mlp(emp.phi.params, x.obs)[..., 0], mlp(next_phi, x.next_obs)[..., 0]
     assert x.terminated.sum() > 0
@@ -248,7 +248,7 @@ def test_the_shaping_by_phi_is_a_constant_of_the_phi_and_the_discount_asked_for(
         assert leaf.dtype == jax.dtypes.float0 or not leaf.any()
 
 
-@pytest.mark.parametrize("actions", ["taken", "drawn"])
+@pytest.mark.parametrize("actions", ["stored", "resampled"])
 @pytest.mark.parametrize("power", [1, 2])
 def test_l_i_lowers_the_reward_or_is_a_penalty_on_the_policy_as_it_is_now(untrained, mlp, power, actions):
     hparams, key = HPARAMS.replace(lambda_i=0.3, beta=0.7), jax.random.PRNGKey(1)
@@ -262,12 +262,12 @@ def test_l_i_lowers_the_reward_or_is_a_penalty_on_the_policy_as_it_is_now(untrai
     kept, penalty, data = empowerment.with_l_i(key, x, pi, emp, hparams, config)
     np.testing.assert_array_equal(kept.reward, x.reward)
     now = Gaussian(pi(x.obs).mean + 0.3, pi(x.obs).log_std - 0.2)
-    judged = x.action if actions == "taken" else own.action
+    judged = x.action if actions == "stored" else own.action
     now_log_prob = stats.norm.logpdf(judged, now.mean, np.exp(now.log_std)).sum(axis=-1)
     given = penalty(now, now.log_prob(x.action), data)
     np.testing.assert_allclose(given, cost(now_log_prob), rtol=1e-4, atol=1e-4)
 
-    config = resolve(dataclasses.replace(config, l_i_in="reward"))
+    config = with_method_defaults(dataclasses.replace(config, l_i_in="reward"))
     lowered, nothing, data = empowerment.with_l_i(key, x, pi, emp, hparams, config)
     np.testing.assert_allclose(lowered.reward, x.reward - cost(own.log_prob), rtol=1e-4, atol=1e-4)
     assert (nothing, data) == (no_penalty, ())
@@ -275,7 +275,7 @@ def test_l_i_lowers_the_reward_or_is_a_penalty_on_the_policy_as_it_is_now(untrai
 
 def test_the_policys_std_follows_its_schedule_from_iteration_to_iteration(built, demos, tiny):
     _, init, step = built()
-    hparams, policy_of = HPARAMS.replace(std_end=0.2, policy_lr=0.0), ppo(4, 2, tiny()).distribution
+    hparams, policy_of = HPARAMS.replace(std_final_fraction=0.2, policy_lr=0.0), ppo(4, 2, tiny()).distribution
     state = init(jax.random.PRNGKey(0), hparams)
     for iteration in (0, 5, 6):  # of 10; what the network says stays exp(-0.5)
         actor = state.actor.replace(iteration=jnp.asarray(iteration, jnp.int32))
@@ -329,7 +329,7 @@ def test_act_samples_the_policy_and_gives_its_mean_without_a_key(built):
 @pytest.mark.parametrize(("size", "changes", "message"), [
     (4, {"method": "eairll"}, "did you mean eairl"),
     (4, {"method": "gan_gcl"}, "rollout_length = 6 must be a multiple of episode_length = 5"),
-    (4, {"judges": "trajectories"}, "rollout_length = 6 must be a multiple of episode_length = 5"),
+    (4, {"discriminates": "trajectories"}, "rollout_length = 6 must be a multiple of episode_length = 5"),
     ({"pixels": (8, 8)}, {}, "flat vector"),
 ])  # fmt: skip
 def test_what_cannot_work_is_refused(toy, tiny, size, changes, message):
@@ -354,10 +354,10 @@ def test_eairl_runs_on_an_mjx_task(tiny):
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state))
 
 
-@pytest.mark.parametrize("changes", [{}, {"l_i_actions": "drawn"}], ids=["taken", "drawn"])
+@pytest.mark.parametrize("changes", [{}, {"l_i_actions": "resampled"}], ids=["stored", "resampled"])
 def test_of_executed_actions_the_part_beyond_the_bound_has_no_effect(toy, tiny, demos, changes):
     limit = 0.4
-    env, config = toy(ends_at=4, action_limit=limit), tiny(actions="executed", log_std_init=0.4, **changes)
+    env, config = toy(ends_at=4, action_limit=limit), tiny(actions="clipped", log_std_init=0.4, **changes)
     algorithm = make_irl(env, config)
     start, step = jax.jit(algorithm.init)(jax.random.PRNGKey(0), HPARAMS), jax.jit(algorithm.step)
     far = demos._replace(action=jnp.where(demos.action > limit, 9.0, demos.action))
@@ -377,8 +377,8 @@ def test_of_executed_actions_the_part_beyond_the_bound_has_no_effect(toy, tiny, 
 
 
 def test_a_policy_starts_anew_and_its_reward_does_not(built):
-    hparams = HPARAMS.replace(policy_lr=0.0, std_end=0.25)
-    _, init, step = built(restart_every=2)
+    hparams = HPARAMS.replace(policy_lr=0.0, std_final_fraction=0.25)
+    _, init, step = built(policy_reset_every=2)
     demos = Demonstrations(*(jnp.ones((1, 5, *tail)) for tail in ((4,), (2,), (4,), (), ())))
     states = [init(jax.random.PRNGKey(0), hparams)]
     for _ in range(5):

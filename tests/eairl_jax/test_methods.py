@@ -15,10 +15,10 @@ GAIL_D = 1 / (1 + np.exp(-F))
 # (what the paper says, what the authors' code does)
 RELEASE = {
     "shaping_discount": ("gamma", "one"),
-    "scoring_phi": ("target", "learning"),
+    "policy_phi": ("target", "learning"),
     "history": ("iterations", "paths"),
     "update_order": ("empowerment_first", "discriminator_first"),
-    "l_i_actions": ("taken", "drawn"),
+    "l_i_actions": ("stored", "resampled"),
     "inverse_loss": ("likelihood", "mse"),
     "policy_activation": ("relu", "tanh"),
 }
@@ -52,7 +52,9 @@ def test_gails_reward_is_positive_and_does_not_see_pi():
 
 
 def test_rows_differ_in_what_the_paper_says():
-    assert {name: (row.reward_form, row.shaping, row.empowerment, row.judges) for name, row in METHODS.items()} == {
+    assert {
+        name: (row.reward_form, row.shaping, row.empowerment, row.discriminates) for name, row in METHODS.items()
+    } == {
         "eairl": ("sa", "empowerment", True, "transitions"),
         "eairl_release": ("sa", "empowerment", True, "transitions"),
         "airl_sa": ("sa", "learned", False, "transitions"),

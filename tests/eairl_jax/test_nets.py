@@ -1,4 +1,4 @@
-"""Networks: the bounds of the std, and what the layers are."""
+"""ActorCritic: the bounds of the std, and what the layers are."""
 
 import itertools
 

@@ -149,7 +149,7 @@ def test_the_penalty_reaches_the_policy_through_pi_too(problem):
 
 def test_the_stds_schedule_is_a_factor_on_what_the_network_says(problem):
     optimizer, policy, batch = problem()
-    hparams = HPARAMS.replace(std_end=0.3, entropy_weight=1.0)
+    hparams = HPARAMS.replace(std_final_fraction=0.3, entropy_weight=1.0)
     after, _ = jax.jit(lambda p: optimizer.update(jax.random.PRNGKey(1), p, batch, no_penalty, (), hparams))(policy)
     net = optimizer.distribution(policy.replace(nets=after.nets), batch.obs)
     assert np.abs(net.log_std + 0.5).max() > 1e-3  # the network moved too

@@ -6,7 +6,7 @@ import pytest
 from scipy import stats
 
 from eairl_jax import replay
-from eairl_jax.methods import resolve
+from eairl_jax.methods import with_method_defaults
 
 
 @pytest.fixture
@@ -14,7 +14,7 @@ def filled(tiny, transitions):
     """`(ring, transitions, config)` after `added` iterations; obs and next_obs tell (iteration, step, environment)."""
 
     def make(added, seed=0, **changes):
-        config = resolve(tiny(history_length=2, **changes))
+        config = with_method_defaults(tiny(history_length=2, **changes))
         ring = replay.empty(4, 2, config)
         for i in range(1, added + 1):
             x = transitions(seed=i, num_envs=config.num_envs)

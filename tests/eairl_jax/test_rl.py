@@ -39,7 +39,7 @@ def test_with_a_temperature_the_policy_is_the_maximum_entropy_one(toy, tiny):
         functools.partial(scan, make_rl(toy(), config, towards), length=80),
     )
     temperature = 1.6
-    hparams = HParams(gamma=0.0, policy_lr=5e-3, policy_lr_end=0.1, temperature=temperature)
+    hparams = HParams(gamma=0.0, policy_lr=5e-3, policy_lr_final_fraction=0.1, temperature=temperature)
     run = jax.jit(functools.partial(scan, algorithm, length=80))
     state, metrics = run(algorithm.init(jax.random.PRNGKey(0), hparams), hparams, np.float32(0.3))
     actions = algorithm.act(state, jnp.broadcast_to(state.actor.rollout.env.obs[:1], (4000, 4)), jax.random.PRNGKey(1))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eairl_jax import InputError, LearnedReward, RewardParams, discriminator, load_reward, save_reward
-from eairl_jax.methods import resolve
+from eairl_jax.methods import with_method_defaults
 from eairl_jax.normalize import ObsStats
 
 DESCRIPTION = {"task": "toy", "obs_size": 4, "action_size": 2, "seeds": [5, 6], "iteration": 100}
@@ -22,7 +22,7 @@ def learned(tiny):
 
     def make(form="sa", part="net"):
         config = tiny(reward_form=form, action_part=part, hidden=(6, 5))
-        params = [discriminator.init(jax.random.PRNGKey(i), 4, 2, resolve(config)) for i in range(2)]
+        params = [discriminator.init(jax.random.PRNGKey(i), 4, 2, with_method_defaults(config)) for i in range(2)]
         stats = [ObsStats(jnp.full(4, 3.0 * i), jnp.full(4, 4.0), jnp.zeros(())) for i in range(2)]
         rows = map(RewardParams, params, stats)
         return LearnedReward(dict(DESCRIPTION), config, jax.tree.map(lambda *x: np.stack(x), *rows))

@@ -9,7 +9,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 from eairl_jax import HParams, Lanes, envs, evaluate, make_rl
-from eairl_jax.actor_critic import Networks
+from eairl_jax.actor_critic import ActorCritic
 from eairl_jax.trpo import conjugate_gradient, fisher_vector_product, line_search, trpo
 from eairl_jax.types import no_penalty
 
@@ -41,7 +41,7 @@ def trained(tiny, transitions):
 
 @pytest.mark.parametrize("state_dependent_std", [False, True])
 def test_the_fisher_vector_product_is_the_kls_hessian(tiny, transitions, state_dependent_std):
-    nets = Networks.build(2, tiny(policy_hidden=(5,), state_dependent_std=state_dependent_std))
+    nets = ActorCritic.build(2, tiny(policy_hidden=(5,), state_dependent_std=state_dependent_std))
     theta, unravel = ravel_pytree(nets.init(jax.random.PRNGKey(0), 4).nets.params["actor"])
     theta += 0.3 * jax.random.normal(jax.random.PRNGKey(1), theta.shape)  # not the flat start
     obs = jnp.asarray(transitions().obs.reshape(-1, 4))
@@ -135,7 +135,7 @@ def surrogate(pi, batch, advantage):
 def test_an_update_improves_and_stays_in_its_trust_region(trained, tiny, state_dependent_std):
     changes = {"state_dependent_std": state_dependent_std}
     optimizer, start, draw, update = trained(**changes)
-    prepare = jax.jit(lambda *x: Networks.build(2, tiny(**changes)).prepare(*x, (), HPARAMS)[1].advantage)
+    prepare = jax.jit(lambda *x: ActorCritic.build(2, tiny(**changes)).prepare(*x, (), HPARAMS)[1].advantage)
     for limit in (1e-3, 0.01, 0.5):
         policy, fractions, kls = start, [], []
         for seed in range(6):
@@ -164,7 +164,7 @@ def test_the_step_is_the_natural_gradient(trained, tiny):
     hparams = HPARAMS.replace(kl_limit=1e-4)
     _, policy, draw, update = trained(hparams=hparams, policy_hidden=(3,), cg_iterations=60)
     batch = draw(policy)
-    nets = Networks.build(2, config)
+    nets = ActorCritic.build(2, config)
     advantage = nets.prepare(policy, batch, (), hparams)[1].advantage
     theta, unravel = ravel_pytree(policy.nets.params["actor"])
 
@@ -244,7 +244,7 @@ def test_the_entropy_bonus_reaches_the_policy(trained, sign):
 
 
 def test_the_std_follows_its_schedule(trained):
-    optimizer, policy, draw, update = trained(hparams=HPARAMS.replace(kl_limit=1e-6, std_end=0.5))
+    optimizer, policy, draw, update = trained(hparams=HPARAMS.replace(kl_limit=1e-6, std_final_fraction=0.5))
     batch = draw(policy)
     after, metrics = update(policy, batch)
     assert metrics["kl"] <= 1.1e-6, "the schedule is no step of the policy's"

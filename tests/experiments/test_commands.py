@@ -269,7 +269,7 @@ def test_tuned_settings_make_a_row_of_their_own_and_give_way_to_a_users():
     )  # fmt: skip
     assert (papers.row, changed.row, ours.row) == ("eairl-sa", "eairl-sa", "eairl-sa+tuned")
     assert [job.is_published for job in (papers, changed, ours)] == [True, False, False]
-    assert (papers.recipe.config.actions, ours.recipe.config.actions) == ("drawn", "executed")
+    assert (papers.recipe.config.actions, ours.recipe.config.actions) == ("sampled", "clipped")
     assert ours.recipe.config.ppo_epochs == 3
     assert changed.recipe.config.iterations == ours.recipe.config.iterations
 
@@ -419,9 +419,9 @@ REFUSED = {
     "brackets": (["evaluate", "[/x]"], "[/x] is no run's folder"),
     "snapshots of nothing": (["imitate", "pendulum", "--set", "snapshot_every=0"], "snapshot_every = 0"),
     "one episode": (["evaluate", "nowhere", "--episodes", "1"], "at least 2"),
-    "std that ends at nothing": (["imitate", "pendulum", "--set", "std_end=0"], "std_end = 0.0"),
+    "std that ends at nothing": (["imitate", "pendulum", "--set", "std_final_fraction=0"], "std_final_fraction = 0.0"),
     "actions that a reward does not know": (
-        ["transfer", "point_maze_left", "point_maze_right", "--retrain-set", "actions=executed"],
+        ["transfer", "point_maze_left", "point_maze_right", "--retrain-set", "actions=clipped"],
         "give --set actions",
     ),
     "no quick row": (["reproduce", "table1", "--quick", "--task", "pendulum"], "no quick row"),
@@ -471,7 +471,7 @@ def test_a_setting_that_is_new_leaves_an_older_run_what_it_was(finished, tiny, c
     assert digest(content["settings"]) == before
     path.write_text(json.dumps(content))
     assert imitate(finished, tiny) == 0
-    content["settings"]["config"]["actions"] = "executed"
+    content["settings"]["config"]["actions"] = "clipped"
     assert digest(content["settings"]) != before
     path.write_text(json.dumps(content))
     assert imitate(finished, tiny) == 2
@@ -479,13 +479,13 @@ def test_a_setting_that_is_new_leaves_an_older_run_what_it_was(finished, tiny, c
 
 
 def test_a_disk_that_fails_is_reported_and_nothing_is_lost(tmp_path, tiny, monkeypatch, capsys):
-    from eairl_jax.experiments.pipeline.run_folder import Folder
+    from eairl_jax.experiments.pipeline.run_folder import RunFolder
 
     def full(*_arguments, **_more):
         raise OSError(28, "No space left on device", "metrics.csv")
 
     with monkeypatch.context() as patch:
-        patch.setattr(Folder, "append_metrics", full)
+        patch.setattr(RunFolder, "append_metrics", full)
         assert imitate(tmp_path / "run", tiny) == 2
     assert "No space left" in capsys.readouterr().err
     assert imitate(tmp_path / "run", tiny) == 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eairl_jax import envs
-from eairl_jax.envs.physics.scatter_free import for_one_kernel
+from eairl_jax.envs.physics.scatter_free import without_scatters
 
 x = jnp.arange(12.0).reshape(3, 4)
 
@@ -28,15 +28,15 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_the_same_numbers(case):
     function = CASES[case]
-    found = jax.jit(for_one_kernel(function))(x)
+    found = jax.jit(without_scatters(function))(x)
     np.testing.assert_allclose(found, function(x), rtol=1e-6)
     # What is known altogether, as in "a constant one", the compiler computes.
-    assert "scatter(" not in jax.jit(for_one_kernel(function)).lower(x).compile().as_text()
+    assert "scatter(" not in jax.jit(without_scatters(function)).lower(x).compile().as_text()
 
 
 def test_places_that_depend_on_the_arguments_stay_scatters():
     function = lambda v: v.at[v[0, 1].astype(int)].set(0.0)  # noqa: E731
-    rewritten = for_one_kernel(function)
+    rewritten = without_scatters(function)
     np.testing.assert_array_equal(rewritten(x), function(x))
     assert "scatter" in str(jax.make_jaxpr(rewritten)(x))
 
@@ -44,7 +44,7 @@ def test_places_that_depend_on_the_arguments_stay_scatters():
 def test_it_works_on_trees_and_under_a_vmap_of_arguments():
     function = lambda tree, y: {"a": tree["a"].at[0].set(y), "b": tree["b"].at[1].add(y)}  # noqa: E731
     tree, y = {"a": jnp.ones((5, 3)), "b": jnp.zeros((5, 3))}, jnp.arange(5.0)
-    found = jax.vmap(for_one_kernel(function))(tree, y)
+    found = jax.vmap(without_scatters(function))(tree, y)
     for name, expected in jax.vmap(function)(tree, y).items():
         np.testing.assert_array_equal(found[name], expected)
 

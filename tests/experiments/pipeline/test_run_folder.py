@@ -3,11 +3,11 @@
 import pytest
 
 from eairl_jax import InputError
-from eairl_jax.experiments.pipeline.run_folder import Folder, writable
+from eairl_jax.experiments.pipeline.run_folder import RunFolder, writable
 
 
 def test_two_trainings_in_one_folder_are_refused(tmp_path):
-    first, second = Folder(tmp_path, {}), Folder(tmp_path, {})
+    first, second = RunFolder(tmp_path, {}), RunFolder(tmp_path, {})
     with first.alone(), pytest.raises(InputError, match="another process is training"), second.alone():
         pytest.fail("both hold it")
     with second.alone():  # it is free again

@@ -10,7 +10,7 @@ from eairl_jax import envs, save_reward
 from eairl_jax.experiments.pipeline import retrain
 from eairl_jax.experiments.pipeline.learn import describe, prepare, snapshot_path, untrained
 from eairl_jax.experiments.pipeline.retrain import as_target, on_reward, target_settings
-from eairl_jax.experiments.pipeline.run_folder import Folder
+from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline import select
 from eairl_jax.experiments.pipeline.select import Rule, choose_reward
 
@@ -23,7 +23,7 @@ def metrics(folder, labels, **values):
 
 
 def test_the_restart_that_its_own_reward_rates_best_is_kept(tmp_path):
-    folder = Folder(tmp_path, {})
+    folder = RunFolder(tmp_path, {})
     labels = [{"restart": restart, "seed": seed} for restart in range(3) for seed in SEEDS]
     metrics(folder, labels, policy_reward=[[1, 6], [3, 5], [2, 4]], true_return=[[9, 1], [2, 8], [9, 9]])
     kept = retrain.best_restarts(folder, 3, 2)
@@ -34,7 +34,7 @@ def test_the_restart_that_its_own_reward_rates_best_is_kept(tmp_path):
 def learned(tmp_path):
     """A job, and the folder where its rewards were learned: three snapshots, each of its own numbers."""
     (job,) = prepare("point_maze_left", ("airl_s",), ("default",), range(2), None, "reward", ())
-    folder, first = Folder(tmp_path / "learn", job.settings()), untrained(job)
+    folder, first = RunFolder(tmp_path / "learn", job.settings()), untrained(job)
     for iteration in SNAPSHOTS:
         params = jax.tree.map(lambda leaf, by=iteration: np.asarray(leaf) + by, first)
         save_reward(snapshot_path(folder, iteration), describe(job, params, [iteration] * 2))
@@ -57,7 +57,7 @@ def test_source_retrain_takes_each_seeds_best_snapshot_in_the_source(tmp_path, m
         metrics(folder, labels, policy_reward=learned, true_return=true)
 
     monkeypatch.setattr(select, "retrain", trained)
-    reward, said = choose_reward(Folder(tmp_path / "use", {}), learning, job, rule, source)
+    reward, said = choose_reward(RunFolder(tmp_path / "use", {}), learning, job, rule, source)
     assert said["source_returns"] == [[3, 4], [7, 5], [6, 9]]
     assert said["chosen_iterations"] == [80, 120]
     assert seen["target"].task == "point_maze_left"
@@ -74,6 +74,6 @@ def test_source_retrain_takes_each_seeds_best_snapshot_in_the_source(tmp_path, m
 def test_policies_take_actions_as_the_reward_came_to_know_them(learned):
     job, _ = learned
     target = as_target("crippled_ant", envs.make("crippled_ant"), ())
-    for actions in ("drawn", "executed"):
+    for actions in ("sampled", "clipped"):
         config = dataclasses.replace(job.recipe.config, actions=actions)
         assert target_settings(on_reward(target, config))["retrain_config"]["actions"] == actions
