@@ -39,39 +39,39 @@ def init(key: Key, env: Env, optimizer: PolicyOptimizer, config: Config) -> Agen
     return Agent(jnp.zeros((), jnp.int32), environments, stats, optimizer.init(policy_key))
 
 
-def restarted(key: Key, actor: Agent, optimizer: PolicyOptimizer, config: Config) -> Agent:
-    """The same actor, with a fresh policy whenever `config.policy_reset_every` iterations have passed."""
+def restarted(key: Key, agent: Agent, optimizer: PolicyOptimizer, config: Config) -> Agent:
+    """The same agent, with a fresh policy whenever `config.policy_reset_every` iterations have passed."""
     if not config.policy_reset_every:
-        return actor
-    due = (actor.iteration > 0) & (actor.iteration % config.policy_reset_every == 0)
-    return actor.replace(  # pyright: ignore
-        policy=jax.tree.map(lambda new, old: jnp.where(due, new, old), optimizer.init(key), actor.policy)
+        return agent
+    due = (agent.iteration > 0) & (agent.iteration % config.policy_reset_every == 0)
+    return agent.replace(  # pyright: ignore
+        policy=jax.tree.map(lambda new, old: jnp.where(due, new, old), optimizer.init(key), agent.policy)
     )
 
 
-def progress(actor: Agent, config: Config) -> jax.Array:
+def progress(agent: Agent, config: Config) -> jax.Array:
     """How much of its training the policy has behind it, in [0, 1]: what rates are annealed by."""
     whole = config.policy_reset_every or config.iterations
-    done = actor.iteration % whole if config.policy_reset_every else actor.iteration
+    done = agent.iteration % whole if config.policy_reset_every else agent.iteration
     return done / whole
 
 
-def distribution(actor: Agent, obs: jax.Array, optimizer: PolicyOptimizer) -> Gaussian:
+def distribution(agent: Agent, obs: jax.Array, optimizer: PolicyOptimizer) -> Gaussian:
     """pi(.|s) for raw observations `[..., obs]`."""
-    return optimizer.distribution(actor.policy, normalize.normalize(actor.obs_stats, obs))
+    return optimizer.distribution(agent.policy, normalize.normalize(agent.obs_stats, obs))
 
 
-def collect(key: Key, actor: Agent, env: Env, optimizer: PolicyOptimizer, config: Config) -> tuple[Agent, Transition]:
+def collect(key: Key, agent: Agent, env: Env, optimizer: PolicyOptimizer, config: Config) -> tuple[Agent, Transition]:
     """tau ~ pi: one iteration's raw transitions `[T, N, ...]`."""
     environments, raw = rollout.rollout(
         key,
         env,
-        lambda obs: distribution(actor, obs, optimizer),
-        actor.rollout,
+        lambda obs: distribution(agent, obs, optimizer),
+        agent.rollout,
         config.rollout_length,
         config.episode_length,
     )
-    return actor.replace(rollout=environments), raw  # pyright: ignore
+    return agent.replace(rollout=environments), raw  # pyright: ignore
 
 
 def seen(x: Any, env: Env, config: Config) -> Any:
@@ -82,21 +82,21 @@ def seen(x: Any, env: Env, config: Config) -> Any:
     return x._replace(action=jnp.clip(x.action, -limit, limit))
 
 
-def normalized(actor: Agent, x: Any) -> Any:
+def normalized(agent: Agent, x: Any) -> Any:
     """The same samples with s and s' normalised."""
     return x._replace(
-        obs=normalize.normalize(actor.obs_stats, x.obs), next_obs=normalize.normalize(actor.obs_stats, x.next_obs)
+        obs=normalize.normalize(agent.obs_stats, x.obs), next_obs=normalize.normalize(agent.obs_stats, x.next_obs)
     )
 
 
-def finish(actor: Agent, policy: PyTree, raw: Transition, config: Config) -> Agent:
+def finish(agent: Agent, policy: PyTree, raw: Transition, config: Config) -> Agent:
     """Ends an iteration: the new policy, and the normaliser moved on if it is a running one."""
     running = config.normalize_obs == "running"
-    stats = normalize.update(actor.obs_stats, raw.obs) if running else actor.obs_stats
-    return Agent(actor.iteration + 1, actor.rollout, stats, policy)
+    stats = normalize.update(agent.obs_stats, raw.obs) if running else agent.obs_stats
+    return Agent(agent.iteration + 1, agent.rollout, stats, policy)
 
 
-def sample(actor: Agent, obs: jax.Array, key: Key | None, optimizer: PolicyOptimizer) -> jax.Array:
+def sample(agent: Agent, obs: jax.Array, key: Key | None, optimizer: PolicyOptimizer) -> jax.Array:
     """An action `[..., act]` for raw observations; the mean action if key is None."""
-    pi = distribution(actor, obs, optimizer)
+    pi = distribution(agent, obs, optimizer)
     return pi.mean if key is None else pi.sample(jax.random.normal(key, pi.mean.shape))

@@ -24,9 +24,9 @@ def make_bc(env: Env, config: Config) -> Algorithm:
     optimizer = make_optimizer(env, config)
 
     def step(state: RLState, hparams: HParams, demos: Demonstrations):
-        hparams = hparams.at(agent.progress(state.actor, config))
+        hparams = hparams.at(agent.progress(state.agent, config))
         key, rollout_key, draw_key = jax.random.split(state.key, 3)
-        acting, raw = agent.collect(rollout_key, state.actor, env, optimizer, config)
+        acting, raw = agent.collect(rollout_key, state.agent, env, optimizer, config)
         policy = acting.policy
 
         def loss(params, x: Demonstrations):

@@ -33,17 +33,17 @@ class IRLState:
 
     Attributes:
       key: drives every random choice.
-      actor: the policy, its environments, the normaliser.
+      agent: the policy, its environments, the normaliser.
       empowerment: q(a|s,s'), Phi(s) and Phi'(s); None for methods without.
       discriminator: the reward and what is learned of its shaping.
-      history: raw samples of this and the previous iterations.
+      replay: raw samples of this and the previous iterations.
     """
 
     key: Key
-    actor: agent.Agent
+    agent: agent.Agent
     empowerment: empowerment.Empowerment | None
     discriminator: train_state.TrainState
-    history: replay.Replay
+    replay: replay.Replay
 
 
 @struct.dataclass
@@ -72,21 +72,21 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         key, actor_key, empowerment_key, d_key = jax.random.split(key, 4)
         return IRLState(
             key=key,
-            actor=agent.init(actor_key, env, optimizer, config),
+            agent=agent.init(actor_key, env, optimizer, config),
             empowerment=empowerment.init(empowerment_key, obs_size, action_size, config) if uses_empowerment else None,
             discriminator=train_state.start(discriminator.init(d_key, obs_size, action_size, config)),
-            history=replay.empty(obs_size, action_size, config),
+            replay=replay.empty(obs_size, action_size, config),
         )
 
     def step(state: IRLState, hparams: HParams, demos: Demonstrations):
-        hparams = hparams.at(agent.progress(state.actor, config))
+        hparams = hparams.at(agent.progress(state.agent, config))
         key, tau_key, emp_key, d_key, pi_key = jax.random.split(state.key, 5)
         fresh_key, past_key = (jax.random.fold_in(tau_key, i) for i in (1, 2))
 
         # tau ~ pi
-        acting = agent.restarted(fresh_key, state.actor, optimizer, config)
+        acting = agent.restarted(fresh_key, state.agent, optimizer, config)
         acting, raw = agent.collect(tau_key, acting, env, optimizer, config)
-        past, tau = replay.add(past_key, state.history, raw, config), agent.normalized(acting, raw)
+        past, tau = replay.add(past_key, state.replay, raw, config), agent.normalized(acting, raw)
         pi = functools.partial(optimizer.distribution, acting.policy)
 
         # phi, varphi: the inverse model by l_q, then the empowerment by l_I
@@ -123,7 +123,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         return IRLState(key, acting, emp, d, past), metrics
 
     def act(state: IRLState, obs, key=None):
-        return agent.sample(state.actor, obs, key, optimizer)
+        return agent.sample(state.agent, obs, key, optimizer)
 
     return Algorithm(init, step, act)
 
@@ -131,7 +131,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
 def learned_reward(state: IRLState) -> RewardParams:
     """What is transferred: the reward alone, without shaping and without log pi. Lanes are kept, if there are any."""
     kept = {name: params for name, params in state.discriminator.params.items() if name in ("g", "k")}
-    return RewardParams(kept, state.actor.obs_stats)
+    return RewardParams(kept, state.agent.obs_stats)
 
 
 def reward_function(config: Config) -> Callable[[RewardParams, jax.Array, jax.Array], jax.Array]:

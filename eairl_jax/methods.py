@@ -70,7 +70,7 @@ METHODS: dict[str, Method] = {
                     airl_logit, log_d_ratio, "sa", "empowerment", empowerment=True),
     "eairl_release": Method("EAIRL as its authors released it, where that differs from their paper",
                             airl_logit, log_d_ratio, "sa", "empowerment", empowerment=True, shaping_discount="one",
-                            policy_phi="learning", history="paths", update_order="discriminator_first",
+                            policy_phi="online", history="paths", update_order="discriminator_first",
                             l_i_actions="resampled", inverse_loss="mse", policy_activation="tanh"),
     "airl_sa": Method("reward r(s,a) with learned shaping", airl_logit, log_d_ratio, "sa", "learned"),
     "airl_s": Method("reward r(s) with learned shaping (Fu et al. 2018)", airl_logit, log_d_ratio, "s", "learned"),

@@ -38,33 +38,31 @@ def empty(obs_size: int, action_size: int, config: Config) -> Replay:
     return Replay(Transition(*(jnp.zeros(leading + tail) for tail in tails)), jnp.zeros((), jnp.int32))
 
 
-def add(key: Key, history: Replay, transition: Transition, config: Config) -> Replay:
+def add(key: Key, replay: Replay, transition: Transition, config: Config) -> Replay:
     """Puts one iteration's transitions `[T, N, ...]` (as many environments as the ring has) in the oldest's place.
 
     In a sample of all, in that of any, or nowhere, so that each iteration is as likely as any other to be there
     (reservoir sampling, Vitter 1985).
     """
-    slots, _, envs = history.transitions.reward.shape
-    slot = history.added % slots
+    slots, _, envs = replay.transitions.reward.shape
+    slot = replay.added % slots
     if config.history == "all":
-        drawn = jax.random.randint(key, (), 0, history.added + 1)
-        slot = jnp.where(history.added < slots, history.added, drawn)
-    kept = jax.tree.map(
-        lambda ring, new: ring.at[slot].set(new[:, :envs], mode="drop"), history.transitions, transition
-    )
-    return Replay(kept, history.added + 1)
+        drawn = jax.random.randint(key, (), 0, replay.added + 1)
+        slot = jnp.where(replay.added < slots, replay.added, drawn)
+    kept = jax.tree.map(lambda ring, new: ring.at[slot].set(new[:, :envs], mode="drop"), replay.transitions, transition)
+    return Replay(kept, replay.added + 1)
 
 
-def draw(key: Key, history: Replay, current: Transition, updates: int, batch: int, length: int, config: Config):
+def draw(key: Key, replay: Replay, current: Transition, updates: int, batch: int, length: int, config: Config):
     """Draws `[updates, batch, length, ...]`: segments of `length` steps of the policy, old and new.
 
     From the ring evenly, the current iteration being a part of it; or, with `config.history` "paths" or "all", half
     from the ring and half from the current iteration, `[T, N, ...]`.
     """
-    slots, steps, num_envs = history.transitions.reward.shape
-    filled = jnp.minimum(history.added, slots) * (steps // length) * num_envs
+    slots, steps, num_envs = replay.transitions.reward.shape
+    filled = jnp.minimum(replay.added, slots) * (steps // length) * num_envs
     index = jax.random.randint(key, (updates, batch), 0, filled)
-    drawn = train_state.rows(history.transitions, 3, train_state.segment(index, length, num_envs))
+    drawn = train_state.rows(replay.transitions, 3, train_state.segment(index, length, num_envs))
     if config.history == "iterations":
         return drawn
     now = jax.random.randint(jax.random.fold_in(key, 1), (updates, batch), 0, steps // length * config.num_envs)

@@ -18,7 +18,7 @@ class RLState:
     """A run between two iterations."""
 
     key: Key
-    actor: agent.Agent
+    agent: agent.Agent
 
 
 def true_reward(_data: PyTree, batch: Transition) -> jax.Array:
@@ -44,9 +44,9 @@ def make_rl(
         return RLState(key, agent.init(actor_key, env, optimizer, config))
 
     def step(state: RLState, hparams: HParams, data: PyTree):
-        hparams = hparams.at(agent.progress(state.actor, config))
+        hparams = hparams.at(agent.progress(state.agent, config))
         key, rollout_key, update_key = jax.random.split(state.key, 3)
-        acting, raw = agent.collect(rollout_key, state.actor, env, optimizer, config)
+        acting, raw = agent.collect(rollout_key, state.agent, env, optimizer, config)
         given = reward(data, raw)
         batch = agent.normalized(acting, raw)._replace(reward=given - hparams.temperature * raw.log_prob)
         policy, metrics = optimizer.update(update_key, acting.policy, batch, no_penalty, (), hparams)
@@ -54,6 +54,6 @@ def make_rl(
         return RLState(key, agent.finish(acting, policy, raw, config)), metrics
 
     def act(state: RLState, obs, key=None):
-        return agent.sample(state.actor, obs, key, optimizer)
+        return agent.sample(state.agent, obs, key, optimizer)
 
     return Algorithm(init, step, act)

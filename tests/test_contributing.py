@@ -46,9 +46,9 @@ def test_its_row_trains_the_policy_on_its_reward(example, toy, tiny, demos, nump
     algorithm, hparams = make_irl(toy(), tiny(method="fairl")), HParams(discriminator_lr=0.05)
     before = algorithm.init(jax.random.PRNGKey(0), hparams)
     after, metrics = jax.jit(algorithm.step)(before, hparams, demos)
-    x = jax.tree.map(lambda ring: np.asarray(ring[0]), after.history.transitions)
+    x = jax.tree.map(lambda ring: np.asarray(ring[0]), after.replay.transitions)
     h = numpy_reward(after.discriminator.params, x.obs, x.action)
     np.testing.assert_allclose(metrics["policy_reward"], np.mean(-np.exp(h) * h), rtol=1e-4)
     assert abs(metrics["policy_reward"] - np.log1p(np.exp(h)).mean()) > 0.1  # GAIL's
-    kernels = [x.actor.policy.nets.params["actor"]["params"]["MLP_0"]["Dense_1"]["kernel"] for x in (before, after)]
+    kernels = [x.agent.policy.nets.params["actor"]["params"]["MLP_0"]["Dense_1"]["kernel"] for x in (before, after)]
     assert np.abs(kernels[1] - kernels[0]).max() > 1e-4

@@ -137,8 +137,8 @@ def stages(job: Job, iterations: int) -> dict[str, Callable[[], None]]:
     config, hparams, env = with_method_defaults(job.recipe.config), job.recipe.hparams, job.env
     optimizer = make_optimizer(env, config)
     state = jax.jit(make_irl(env, config).init)(jax.random.PRNGKey(0), hparams)
-    acting, raw = jax.jit(lambda s: agent.collect(s.key, s.actor, env, optimizer, config))(state)
-    past, tau = replay.add(jax.random.PRNGKey(0), state.history, raw, config), agent.normalized(acting, raw)
+    acting, raw = jax.jit(lambda s: agent.collect(s.key, s.agent, env, optimizer, config))(state)
+    past, tau = replay.add(jax.random.PRNGKey(0), state.replay, raw, config), agent.normalized(acting, raw)
 
     def pi(obs):
         return optimizer.distribution(acting.policy, obs)

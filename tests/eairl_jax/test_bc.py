@@ -56,10 +56,10 @@ def test_the_mean_approaches_a_linear_expert(clone, linear_expert, equal_trees, 
     errors = [np.abs(algorithm.act(state, linear_expert.obs, None) - wanted).mean() for state in (before, after)]
     assert errors[1] < 0.06 < 0.2 < errors[0]
     # Nothing else is learned, though it acts.
-    was, now = (state.actor.policy.nets for state in (before, after))
+    was, now = (state.agent.policy.nets for state in (before, after))
     equal_trees(was.params["critic"], now.params["critic"])
     equal_trees(was.adam.mu["critic"], now.adam.mu["critic"])
-    assert after.actor.iteration == 40
+    assert after.agent.iteration == 40
     assert np.isfinite(metrics["true_return"]).all()
     assert (metrics["policy_reward"] == 0).all()
 
@@ -84,7 +84,7 @@ def test_it_finds_the_maximum_of_the_likelihood(clone, scale):
 def test_the_metric_is_the_likelihood_of_what_the_expert_did(clone, linear_expert, equal_trees):
     """At a rate of 0 nothing is learned; what is measured is the likelihood under the policy that is."""
     algorithm, before, after, metrics = clone(linear_expert, iterations=1, hparams=HParams(policy_lr=0.0))
-    equal_trees(before.actor.policy.nets.params, after.actor.policy.nets.params)
+    equal_trees(before.agent.policy.nets.params, after.agent.policy.nets.params)
     mean, std = algorithm.act(before, linear_expert.obs, None), np.exp(-0.5)
     every = stats.norm(mean, std).logpdf(linear_expert.action).sum(axis=-1)
     assert abs(metrics["log_prob_expert"][0] - every.mean()) < 4 * every.std() / np.sqrt(20 * 64)

@@ -38,7 +38,7 @@ def test_training_goes_on_after_a_restart_as_if_it_had_never_stopped(tmp_path, b
     again, checkpoints = lanes(), Checkpoints(tmp_path)
     restored = checkpoints.restore(checkpoints.latest(), again.take(again.init()))
     resumed, resumed_metrics = again.run(again.put(restored), 2)
-    assert np.all(restored.actor.iteration == 2)
+    assert np.all(restored.agent.iteration == 2)
     equal_trees(again.take(resumed), run.take(state))
     equal_trees(resumed_metrics, metrics)
 

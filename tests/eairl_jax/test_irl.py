@@ -65,7 +65,7 @@ CASES = [
 def test_the_policys_reward_is_the_methods_by_the_networks_just_fitted(one_step, tiny, numpy_f, mlp, scale, changes):
     before, after, metrics = one_step(HPARAMS.replace(lambda_i=0.5), **changes)
     config = with_method_defaults(tiny(**changes))
-    x = jax.tree.map(lambda ring: np.asarray(ring[0], np.float64), after.history.transitions)
+    x = jax.tree.map(lambda ring: np.asarray(ring[0], np.float64), after.replay.transitions)
     assert x.terminated.sum() > 0
     phi, slow = phis(before, after)
     next_phi = phi if config.policy_phi == "learning" else slow
@@ -91,16 +91,16 @@ def test_the_policy_sees_what_was_just_updated(one_step, rate, part):
     (before, still, without), (_, moved, given) = runs
     jax.tree.map(np.testing.assert_array_equal, part(still), part(before))
     assert any((a != b).any() for a, b in zip(*map(jax.tree.leaves, (part(moved), part(before))), strict=True))
-    np.testing.assert_array_equal(still.history.transitions.obs, moved.history.transitions.obs)
+    np.testing.assert_array_equal(still.replay.transitions.obs, moved.replay.transitions.obs)
     assert abs(given["policy_reward"] - without["policy_reward"]) > 1e-3
 
 
 @pytest.mark.parametrize("rate", ["lambda_i", "policy_lr"])
 def test_the_policy_alone_sees_lambda_i_and_its_own_rate(one_step, rate):
     (_, still, _), (_, moved, _) = (one_step(HPARAMS.replace(**{rate: value})) for value in (0.0, 1.0))
-    kernels = [s.actor.policy.nets.params["actor"]["params"]["MLP_0"]["Dense_1"]["kernel"] for s in (still, moved)]
+    kernels = [s.agent.policy.nets.params["actor"]["params"]["MLP_0"]["Dense_1"]["kernel"] for s in (still, moved)]
     assert np.abs(kernels[1] - kernels[0]).max() > 1e-4
-    for part in ("discriminator", "empowerment", "history"):
+    for part in ("discriminator", "empowerment", "replay"):
         jax.tree.map(np.testing.assert_array_equal, getattr(still, part), getattr(moved, part))
 
 
@@ -144,19 +144,19 @@ def test_the_discriminators_loss_by_hand_with_log_pi_of_the_current_policy(toy, 
     state = jax.jit(algorithm.init)(jax.random.PRNGKey(0), hparams)
 
     def logits(before, after, x):
-        pi = policy_of(before.actor.policy, jnp.asarray(x.obs))
+        pi = policy_of(before.agent.policy, jnp.asarray(x.obs))
         log_pi = stats.norm.logpdf(x.action, pi.mean, np.exp(pi.log_std)).sum(axis=-1)
         return (numpy_f(before.discriminator.params, *phis(before, after), x, own) - log_pi).sum(axis=1)
 
     for i in range(2):
         before, (state, metrics) = state, step(state, hparams, demos)
-        seen = jax.tree.map(lambda ring, i=i: np.asarray(ring[: i + 1]), state.history.transitions)
+        seen = jax.tree.map(lambda ring, i=i: np.asarray(ring[: i + 1]), state.replay.transitions)
         expert = np.log1p(np.exp(-logits(before, state, demos))).mean()
         # All that the ring holds, half the draws each, log pi under today's policy however old they are.
         policy = np.log1p(np.exp(logits(before, state, seen)))
         slack = 1e-4 + 0.02 * np.ptp(policy)
         np.testing.assert_allclose(metrics["discriminator_loss"], 0.5 * (expert + policy.mean()), atol=slack)
-    now = policy_of(before.actor.policy, jnp.asarray(seen.obs)).log_prob(jnp.asarray(seen.action))
+    now = policy_of(before.agent.policy, jnp.asarray(seen.obs)).log_prob(jnp.asarray(seen.action))
     assert np.abs(now[0] - seen.log_prob[0]).max() > 0.2  # the old sample's own log pi is another
 
 
@@ -191,7 +191,7 @@ def test_one_method_without_what_sets_it_apart_trains_as_another(built, demos, o
         for _ in range(3):
             state, metric = step(state, HPARAMS.replace(lambda_i=0.0), demos)
             metrics.append(metric)
-        runs.append((state.discriminator, state.actor, metrics))
+        runs.append((state.discriminator, state.agent, metrics))
     shared = set(runs[0][2][0]) & set(runs[1][2][0])
     assert {"discriminator_loss", "accuracy", "reward_expert", "policy_reward", "true_return", "kl"} <= shared
     runs = [(*parts, [{name: metric[name] for name in shared} for metric in metrics]) for *parts, metrics in runs]
@@ -210,7 +210,7 @@ def test_the_discriminator_sees_the_new_phi_or_the_old_as_the_order_says(one_ste
 
 @pytest.fixture
 def untrained(built, tiny, transitions, scale):
-    """`(config, empowerment, actor, raw transitions, the same normalised, pi)` of a run whose Phi' is not Phi."""
+    """`(config, empowerment, agent, raw transitions, the same normalised, pi)` of a run whose Phi' is not Phi."""
 
     def make(**changes):
         state = built()[1](jax.random.PRNGKey(0), HPARAMS)
@@ -220,9 +220,9 @@ def untrained(built, tiny, transitions, scale):
         raw = seen._replace(obs=scale[0] + scale[1] * seen.obs, next_obs=scale[0] + scale[1] * seen.next_obs)
 
         def pi(obs):
-            return ppo(4, 2, config).distribution(state.actor.policy, obs)
+            return ppo(4, 2, config).distribution(state.agent.policy, obs)
 
-        return config, state.empowerment.replace(phi_target=slow), state.actor, raw, seen, pi
+        return config, state.empowerment.replace(phi_target=slow), state.agent, raw, seen, pi
 
     return make
 
@@ -278,13 +278,13 @@ def test_the_policys_std_follows_its_schedule_from_iteration_to_iteration(built,
     hparams, policy_of = HPARAMS.replace(std_final_fraction=0.2, policy_lr=0.0), ppo(4, 2, tiny()).distribution
     state = init(jax.random.PRNGKey(0), hparams)
     for iteration in (0, 5, 6):  # of 10; what the network says stays exp(-0.5)
-        actor = state.actor.replace(iteration=jnp.asarray(iteration, jnp.int32))
-        before, (state, _) = state, step(state.replace(actor=actor), hparams, demos)
-        std = np.exp(policy_of(state.actor.policy, jnp.ones(4)).log_std)
+        agent = state.agent.replace(iteration=jnp.asarray(iteration, jnp.int32))
+        before, (state, _) = state, step(state.replace(agent=agent), hparams, demos)
+        std = np.exp(policy_of(state.agent.policy, jnp.ones(4)).log_std)
         np.testing.assert_allclose(std, np.full(2, np.exp(-0.5) * 0.2 ** (iteration / 10)), rtol=1e-5)
     # The samples of the last iteration are of the std that the one before had left, and know it.
-    x = jax.tree.map(lambda ring: ring[2 % 2], state.history.transitions)
-    given = policy_of(before.actor.policy, (x.obs - actor.obs_stats.mean) / np.sqrt(actor.obs_stats.var))
+    x = jax.tree.map(lambda ring: ring[2 % 2], state.replay.transitions)
+    given = policy_of(before.agent.policy, (x.obs - agent.obs_stats.mean) / np.sqrt(agent.obs_stats.var))
     np.testing.assert_allclose(given.log_prob(x.action), x.log_prob, rtol=1e-4, atol=1e-4)
     assert np.abs(given.log_std - np.log(std)).min() > 0.1
 
@@ -349,7 +349,7 @@ def test_eairl_runs_on_an_mjx_task(tiny):
         state, metrics = step(state, HPARAMS, demos)
     assert all(np.isfinite(value) for value in metrics.values())
     assert -5 * 17 < metrics["true_return"] < 0
-    assert (state.actor.iteration, state.actor.obs_stats.count) == (2, 2 * 24)
+    assert (state.agent.iteration, state.agent.obs_stats.count) == (2, 2 * 24)
     assert jax.tree.structure(before) == jax.tree.structure(state)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state))
 
@@ -366,10 +366,10 @@ def test_of_executed_actions_the_part_beyond_the_bound_has_no_effect(toy, tiny, 
     jax.tree.map(np.testing.assert_array_equal, once, again)
 
     state, _ = once
-    x = jax.tree.map(lambda ring: ring[0], state.history.transitions)
+    x = jax.tree.map(lambda ring: ring[0], state.replay.transitions)
     assert float(jnp.abs(x.action).max()) == np.float32(limit)  # what the discriminator sees of the policy
     np.testing.assert_array_equal(x.next_obs[..., 1:3], x.action)  # and what the environment did
-    pi = ppo(4, 2, config, limit).distribution(start.actor.policy, x.obs)
+    pi = ppo(4, 2, config, limit).distribution(start.agent.policy, x.obs)
     mass = stats.norm.logsf((limit - np.asarray(pi.mean)) / np.exp(np.asarray(pi.log_std)))
     at_high = np.asarray(x.action == np.float32(limit)).all(axis=-1)
     assert at_high.any()
@@ -385,11 +385,11 @@ def test_a_policy_starts_anew_and_its_reward_does_not(built):
         states.append(step(states[-1], hparams, demos)[0])
 
     def weights(state):
-        return np.concatenate([np.ravel(x) for x in jax.tree.leaves(state.actor.policy.nets.params)])
+        return np.concatenate([np.ravel(x) for x in jax.tree.leaves(state.agent.policy.nets.params)])
 
     moved = [bool((weights(a) != weights(b)).any()) for a, b in itertools.pairwise(states)]
     assert moved == [False, False, True, False, True]  # the rate is 0, so only a fresh one differs
-    stds = [float(np.exp(state.actor.policy.log_std_offset)) for state in states[1:]]
+    stds = [float(np.exp(state.agent.policy.log_std_offset)) for state in states[1:]]
     np.testing.assert_allclose(stds, [1.0, 0.5, 1.0, 0.5, 1.0], rtol=1e-5)  # annealed within each policy's training
     updates = [int(state.discriminator.adam.count) for state in states]
     assert updates == [2 * i for i in range(6)]

@@ -45,7 +45,7 @@ def test_a_sweep_of_eairl_equals_a_loop_over_its_lanes(built, demos):
         for name, value in metrics.items():
             np.testing.assert_allclose(value[lane], [m[name] for m in by_hand], rtol=1e-3, atol=1e-4, err_msg=name)
         jax.tree.map(lambda a, b, lane=lane: np.testing.assert_allclose(a[lane], b, rtol=1e-3, atol=1e-4), state, alone)
-    weights = state.actor.policy.nets.params["actor"]["params"]["MLP_0"]["Dense_1"]["kernel"]
+    weights = state.agent.policy.nets.params["actor"]["params"]["MLP_0"]["Dense_1"]["kernel"]
     assert np.abs(weights[0] - weights[1]).max() > 1e-4
 
 

@@ -23,8 +23,8 @@ def test_the_policy_goes_where_the_reward_is(toy, tiny, reward, wanted):
     hparams = HParams(policy_lr=3e-3)
     run = jax.jit(functools.partial(scan, algorithm, length=60))
     state, metrics = run(algorithm.init(jax.random.PRNGKey(0), hparams), hparams, np.float32(wanted))
-    assert state.actor.iteration == 60
-    obs = state.actor.rollout.env.obs
+    assert state.agent.iteration == 60
+    obs = state.agent.rollout.env.obs
     np.testing.assert_allclose(algorithm.act(state, obs, None), np.full((32, 2), wanted), atol=0.15)
     assert np.std(algorithm.act(state, obs, jax.random.PRNGKey(1)) - wanted) > 0.01
     assert metrics["policy_reward"][-1] > 0.3 * metrics["policy_reward"][0]
@@ -42,7 +42,7 @@ def test_with_a_temperature_the_policy_is_the_maximum_entropy_one(toy, tiny):
     hparams = HParams(gamma=0.0, policy_lr=5e-3, policy_lr_final_fraction=0.1, temperature=temperature)
     run = jax.jit(functools.partial(scan, algorithm, length=80))
     state, metrics = run(algorithm.init(jax.random.PRNGKey(0), hparams), hparams, np.float32(0.3))
-    actions = algorithm.act(state, jnp.broadcast_to(state.actor.rollout.env.obs[:1], (4000, 4)), jax.random.PRNGKey(1))
+    actions = algorithm.act(state, jnp.broadcast_to(state.agent.rollout.env.obs[:1], (4000, 4)), jax.random.PRNGKey(1))
     # exp(-(a - 0.3)^2 / temperature), normalised
     np.testing.assert_allclose(actions.mean(axis=0), 0.3, atol=0.15)
     np.testing.assert_allclose(actions.var(axis=0), temperature / 2, rtol=0.2)
