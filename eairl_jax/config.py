@@ -164,7 +164,7 @@ METHOD_DEFAULTS: dict[str, tuple[str, ...]] = {
     "reward_form": ("sa", "s", "separable"),
     "shaping": ("empowerment", "learned", "both", "none"),
     "shaping_discount": ("gamma", "one"),
-    "policy_phi": ("target", "learning"),
+    "policy_phi": ("target", "online"),
     "discriminates": ("transitions", "trajectories"),
     "history": ("iterations", "paths", "all"),
     "update_order": ("empowerment_first", "discriminator_first"),

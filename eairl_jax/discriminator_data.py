@@ -46,7 +46,7 @@ def prepare(
     log_prob = pi(x.obs).log_prob(x.action) if pi else raw.log_prob
     phi_shaping = jnp.zeros_like(log_prob)
     if config.shaping in ("empowerment", "both"):
-        next_params = emp.phi.params if scoring and config.policy_phi == "learning" else emp.phi_target
+        next_params = emp.phi.params if scoring and config.policy_phi == "online" else emp.phi_target
         phi, next_phi = empowerment.phi(emp.phi.params, x.obs, config), empowerment.phi(next_params, x.next_obs, config)
         phi_shaping = discriminator.shaping(
             phi, next_phi, x.terminated, discriminator.shaping_discount(hparams, config)

@@ -68,7 +68,7 @@ def test_the_policys_reward_is_the_methods_by_the_networks_just_fitted(one_step,
     x = jax.tree.map(lambda ring: np.asarray(ring[0], np.float64), after.replay.transitions)
     assert x.terminated.sum() > 0
     phi, slow = phis(before, after)
-    next_phi = phi if config.policy_phi == "learning" else slow
+    next_phi = phi if config.policy_phi == "online" else slow
     f = numpy_f(after.discriminator.params, phi, next_phi, x, config, scale)
     expected = np.log1p(np.exp(f)) if config.method == "gail" else f - x.log_prob
     if config.l_i_in == "reward":
@@ -228,7 +228,7 @@ def untrained(built, tiny, transitions, scale):
 
 
 @pytest.mark.parametrize("scoring", [False, True])
-@pytest.mark.parametrize("changes", [{}, {"policy_phi": "learning"}, {"shaping_discount": "one"}], ids=str)
+@pytest.mark.parametrize("changes", [{}, {"policy_phi": "online"}, {"shaping_discount": "one"}], ids=str)
 def test_the_shaping_by_phi_is_a_constant_of_the_phi_and_the_discount_asked_for(untrained, mlp, changes, scoring):
     """The release scores the policy's transitions, and those alone, with Phi itself at s'."""
     config, emp, acting, raw, x, pi = untrained(**changes)

@@ -15,7 +15,7 @@ GAIL_D = 1 / (1 + np.exp(-F))
 # (what the paper says, what the authors' code does)
 RELEASE = {
     "shaping_discount": ("gamma", "one"),
-    "policy_phi": ("target", "learning"),
+    "policy_phi": ("target", "online"),
     "history": ("iterations", "paths"),
     "update_order": ("empowerment_first", "discriminator_first"),
     "l_i_actions": ("stored", "resampled"),
