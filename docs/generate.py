@@ -23,7 +23,12 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "build" / "docs"
 # Where a file of the repository is in the site, seen from a page of docs/.
-PLACES = {"../CONTRIBUTING.md": "contributing.md", "../CHANGELOG.md": "changelog.md", "../README.md": "index.md"}
+PLACES = {
+    "../CONTRIBUTING.md": "contributing.md",
+    "../CHANGELOG.md": "changelog.md",
+    "../README.md": "index.md",
+    "../experiments/results/discussion.md": "discussion.md",
+}
 PICTURES = "../experiments/results/"
 ROOMS = {
     "library": ("Library", "eairl_jax", "The algorithms. Nothing here knows a task."),
@@ -266,11 +271,18 @@ def write(out: Path = OUT) -> None:
         text, anchors = room_page(title, package, summary)
         (out / "reference" / f"{room}.md").write_text(text, encoding="utf-8")
         names |= {name: f"reference/{room}.md#{anchor}" for name, anchor in anchors.items()}
+    library = importlib.import_module("eairl_jax")
+    for name in library.__all__:
+        member = getattr(library, name)
+        if f"{getattr(member, '__module__', '')}.{name}" in names:
+            names[f"eairl_jax.{name}"] = names[f"{member.__module__}.{name}"]
     pages = {"commands": commands_page, "settings": settings_page, "examples": examples_page}
     for name, page in pages.items():
         (out / "reference" / f"{name}.md").write_text(page(), encoding="utf-8")
     texts = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")}
     texts |= {f"{name.lower()}.md": root_page(ROOT / f"{name}.md") for name in ("CONTRIBUTING", "CHANGELOG")}
+    discussion = (ROOT / "experiments" / "results" / "discussion.md").read_text(encoding="utf-8")
+    texts["discussion.md"] = f"# Discussion\n\n{discussion}"
     for name, text in texts.items():
         site = outside_code(text, lambda part: with_links(with_mathml(part), names))
         (out / name).write_text(site, encoding="utf-8")
