@@ -152,8 +152,10 @@ def room_page(title: str, package: str, summary: str) -> tuple[str, dict[str, st
     """The page of a room; and the names that it documents, each with its anchor."""
     parts, anchors = [f"# {title}", summary, "Made from the docstrings."], {}
     for module in modules_of(package):
+        if not module.__doc__:
+            continue
         members = public(module)
-        if not module.__doc__ or (not members and module.__name__ != package):
+        if not members and module.__name__ != package:
             continue
         parts += [f"## `{module.__name__}` {{#{module.__name__}}}", markdown_of(module.__doc__)]
         anchors[module.__name__] = module.__name__

@@ -1,0 +1,65 @@
+"""Every example runs as it stands, only shorter. Most share one program, which is compiled once."""
+
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eairl_jax.methods import METHODS
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+ITERATIONS = "2"
+
+
+@pytest.fixture
+def example(monkeypatch, tmp_path):
+    """Runs an example in an empty folder and returns its names; a method that it adds is gone after the test."""
+    methods = dict(METHODS)
+
+    def run(name, *arguments):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", [name, *arguments])
+        return runpy.run_path(str(EXAMPLES / f"{name}.py"))
+
+    yield run
+    METHODS.clear()
+    METHODS.update(methods)
+
+
+def test_no_example_is_longer_than_60_lines():
+    lengths = {path.name: len(path.read_text(encoding="utf-8").splitlines()) for path in EXAMPLES.glob("*.py")}
+    assert len(lengths) == 5
+    assert max(lengths.values()) <= 60, lengths
+
+
+def test_a_reward_is_learned_saved_and_used(example, tmp_path, capsys):
+    learned = example("learn_a_reward", ITERATIONS)["reward"]
+    used = example("use_a_saved_reward", str(tmp_path / "runs" / "my-reward"), ITERATIONS)
+    demos = np.ones((3, 2))
+    for seed in (0, 1):
+        np.testing.assert_array_equal(learned(demos, demos, seed=seed), used["reward"](demos, demos, seed=seed))
+    assert used["metrics"]["policy_reward"].shape == (2, 2)
+    assert np.isfinite(used["metrics"]["true_return"]).all()
+    assert "seed 1: learned reward" in capsys.readouterr().out
+
+
+def test_a_sweep_has_a_lane_for_each_value_and_seed(example, capsys):
+    names = example("vmapped_sweep", ITERATIONS, "1")
+    assert names["returns"].shape == (2, 1)
+    assert names["lanes"].hparams.lambda_i.tolist() == pytest.approx([0.01, 1.0])
+    assert "lambda_i 1.0: true return" in capsys.readouterr().out
+
+
+def test_a_task_of_your_own_can_be_demonstrated_and_imitated(example):
+    names = example("task_of_your_own", ITERATIONS)
+    assert names["demos"].obs.shape == (10, 50, 2)
+    assert np.isfinite(names["metrics"]["true_return"]).all()
+
+
+def test_a_method_of_your_own_trains(example):
+    names = example("method_of_your_own", ITERATIONS)
+    assert np.isfinite(names["metrics"]["policy_reward"]).all()
+    h = np.array([-1.0, 0.0, 1.0])
+    np.testing.assert_allclose(METHODS["fairl"].policy_reward(h), -np.exp(h) * h, rtol=1e-6)
