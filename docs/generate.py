@@ -175,7 +175,8 @@ def commands_page() -> str:
     parts = ["# Commands", "`eairl COMMAND --help` prints the same in a terminal. Made from the options' docstrings."]
     for command, record in COMMANDS.items():
         arguments = [argument(record, field) for field in dataclasses.fields(record)]
-        usage = " ".join(["eairl", command, *(name for name, _, _, positional in arguments if positional), "[OPTIONS]"])
+        positional = [name for name, _, _, is_positional in arguments if is_positional]
+        usage = " ".join(["eairl", command, *positional, *(["[OPTIONS]"] if len(arguments) > len(positional) else [])])
         parts += [f"## `eairl {command}` {{#{command}}}", f"```text\n{usage}\n```", markdown_of(record.__doc__)]
         if arguments:
             lines = [[f"`{name}`", escaped(meaning), default] for name, meaning, default, _ in arguments]
@@ -194,7 +195,7 @@ def argument(record: type, field: dataclasses.Field) -> tuple[str, str, str, boo
     value = read["metavar"] or ("{" + ",".join(choices) + "}" if choices else "" if field.type in ("bool", "Tuned") else "N")
     option = f"--{(read['name'] or field.name).replace('_', '-')}"
     typed = str(read["metavar"] or value) if positional else f"{option} {value}".strip()
-    has_default = field.default not in (dataclasses.MISSING, None, (), False)
+    has_default = not any(field.default is none for none in (dataclasses.MISSING, None, (), False))
     default = " ".join(field.default) if isinstance(field.default, tuple) else str(field.default)
     return typed, read["help"] or field_docstrings(record)[field.name], f"`{default}`" if has_default else "", positional
 
@@ -245,7 +246,11 @@ def with_mathml(text: str) -> str:
 
     text = re.sub(r"\$\$(.+?)\$\$", lambda m: convert(" ".join(m[1].split()), display="block"), text, flags=re.DOTALL)
     parts = re.split(r"(`[^`\n]*`)", text)
-    inline = (re.sub(r"(?<![\\$\w])\$([^$\n]+?)\$(?![\w$])", lambda m: convert(m[1]), part) for part in parts[::2])
+    # Markdown takes a line that begins with <math> for a block; <span> keeps it in the line.
+    inline = (
+        re.sub(r"(?<![\\$\w])\$([^$\n]+?)\$(?![\w$])", lambda m: f"<span>{convert(m[1])}</span>", part)
+        for part in parts[::2]
+    )
     return "".join(part for pair in zip(inline, [*parts[1::2], ""], strict=True) for part in pair)
 
 
