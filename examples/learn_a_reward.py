@@ -2,7 +2,7 @@
 
     python examples/learn_a_reward.py [ITERATIONS]
 
-Takes about a minute with the default of 120 iterations on two CPU cores. The reward is saved in runs/my-reward.
+Takes a few minutes on two CPU cores, compilation included. The reward is saved in runs/my-reward.
 """
 
 import sys
