@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 STAMP = $(VENV)/.installed
 
-.PHONY: help install demo test test-slow lint bench data clean
+.PHONY: help install demo test test-slow lint docs release bench data clean
 
 help:
 	@echo "make demo       learn a reward in the left maze, use it in the right one (the main job)"
@@ -13,6 +13,8 @@ help:
 	@echo "make bench      what an iteration costs beside its simulation"
 	@echo "make data       train the experts and collect the shipped demonstrations anew"
 	@echo "make lint       ruff and pyright"
+	@echo "make docs       the documentation site, in build/site"
+	@echo "make release    a wheel and an sdist in dist/, checked"
 
 $(STAMP): pyproject.toml constraints.txt
 	@echo "== making a virtual environment in $(VENV)"
@@ -52,6 +54,18 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
+
+docs: $(STAMP)
+	@echo "== installing the site's builder"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[docs]"
+	$(BIN)/python docs/generate.py
+	$(BIN)/zensical build --strict
+	@echo "== open build/site/index.html"
+
+release: $(STAMP)
+	@echo "== installing the tools of a release"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[release]"
+	$(BIN)/python tools/release.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info
