@@ -88,9 +88,10 @@ def test_reward_is_of_the_position_before_and_the_clipped_action(played):
     np.testing.assert_allclose(played.reward, expected, atol=1e-5)
 
 
-@pytest.mark.parametrize(("passage", "way", "passes"), [
-    ("left", "left", True), ("left", "right", False), ("right", "left", False), ("right", "right", True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("passage", "way", "passes"),
+    [("left", "left", True), ("left", "right", False), ("right", "left", False), ("right", "right", True)],
+)
 def test_the_barrier_can_be_passed_on_the_named_side_alone(passage, way, passes):
     x = {"left": 0.05, "right": 0.5}[way]
     waypoints = np.repeat([(x, 0.1), (x, 0.5), GOAL], 33, axis=0)
@@ -109,3 +110,15 @@ def test_episodes_start_in_the_middle_almost_at_rest():
     np.testing.assert_allclose(state.obs, np.tile([0.3, 0.0], (500, 1)), atol=1e-7)
     speed = np.asarray(state.pipeline_state.qvel)
     np.testing.assert_allclose([speed.min(), speed.max()], [-0.01, 0.01], atol=0.001)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (dict(passage="middle"), "passage = 'middle': expected left or right"),
+        (dict(solver_iterations=0), "solver_iterations = 0, .* expected at least 1 of each"),
+    ],
+)
+def test_impossible_settings_are_refused(settings, message):
+    with pytest.raises(envs.TaskError, match=message):
+        envs.make("point_maze_left", **settings)
