@@ -50,7 +50,7 @@ class GymnasiumTask(NamedTuple):
       settings: keyword arguments of `gymnasium.make` that make the two tasks the same.
       bonus: reward that Gymnasium pays at every step and the task does not pay.
       simulates_model: True for Gymnasium's MuJoCo environments, which simulate the task's model. False for Pendulum-v1,
-        which integrates its own equations.
+        which integrates its equations without a model.
     """
 
     name: str

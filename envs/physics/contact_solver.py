@@ -14,14 +14,15 @@ engine's in `tests/envs/physics/test_contact_solver.py`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from eairl_jax.envs.mjx_task import mjx
+if TYPE_CHECKING:
+    from mujoco import mjx
 
 SPHERE, CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
 

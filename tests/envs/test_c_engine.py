@@ -12,7 +12,7 @@ STEPS = 20
 
 @pytest.fixture
 def play(compiled_step):
-    """Plays a task from a start that `change` has made: `(obs [STEPS, obs], rewards [STEPS])` of MJX and of the C engine."""
+    """Plays a task from a start made by `change`: `(obs [STEPS, obs], rewards [STEPS])` of MJX and the C engine."""
 
     def run(task, change):
         step = compiled_step(task)

@@ -1,4 +1,4 @@
-"""The maze against MuJoCo's own engine at full precision, and its passages."""
+"""The maze against MuJoCo's C engine at full precision, and its passages."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Scatters as gathers: the same numbers, and none left where the places are known."""
+"""Scatters as gathers: the same numbers, and no scatter is left where the indices are known."""
 
 import jax
 import jax.numpy as jnp
