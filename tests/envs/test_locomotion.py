@@ -21,7 +21,7 @@ STEPPED = ("crippled_ant", "half_cheetah", "swimmer")
 
 
 def gymnasiums(task, folder):
-    """Gymnasium's environment of a task: with Gymnasium's model, or for the ants (whose motors differ) with the task's."""
+    """Gymnasium's environment of a task, with Gymnasium's model; for the ants, whose motors differ, with the task's."""
     if "ant" not in task:
         with contextlib.chdir(folder):  # mujoco 4 logs there that the cheetah's model is of an old style
             return gymnasium.make({"half_cheetah": "HalfCheetah-v5", "swimmer": "Swimmer-v5"}[task]).unwrapped

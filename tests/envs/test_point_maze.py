@@ -3,13 +3,11 @@
 from types import SimpleNamespace
 
 import jax
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
 
 from eairl_jax import envs
-from eairl_jax.envs.mjx_task import Physics
 from eairl_jax.envs.point_maze import GOAL, START
 
 LENGTH = 300
@@ -39,21 +37,19 @@ def c_engine(env, forces):
 
 
 @pytest.fixture(scope="module", params=["left", "right"])
-def played(request):
-    """The scripts played in one maze: by us `position`, `reward`; by the C engine at full precision `exact`."""
-    env = envs.make(f"point_maze_{request.param}")
-
-    def episode(forces):
-        state = env.reset(jax.random.PRNGKey(0))
-        state = state.replace(pipeline_state=Physics(jnp.array(START), jnp.zeros(2), jnp.zeros(2)))
-
-        def step(state, force):
-            state = env.step(state, force)
-            return state, (state.obs, state.reward)
-
-        return jax.lax.scan(step, state, forces)[1]
-
-    position, reward = jax.tree.map(np.asarray, jax.jit(jax.vmap(episode))(scripts()))
+def played(request, compiled_step):
+    """The scripts played in one maze: by MJX `position`, `reward`; by the C engine at full precision `exact`."""
+    step, forces = compiled_step(f"point_maze_{request.param}"), scripts()
+    qpos = np.tile(START, (len(forces), 1))
+    qvel, warmstart = np.zeros_like(qpos), np.zeros_like(qpos)
+    positions, rewards = [], []
+    for force in forces.swapaxes(0, 1):
+        state = step(qpos, qvel, warmstart, force)
+        physics = state.pipeline_state
+        qpos, qvel, warmstart = physics.qpos, physics.qvel, physics.qacc_warmstart
+        positions.append(state.obs)
+        rewards.append(state.reward)
+    position, reward = np.stack(positions, axis=1), np.stack(rewards, axis=1)
     full = envs.make(f"point_maze_{request.param}", solver_iterations=100, line_search_iterations=50)
     assert (full.model.opt.iterations, full.model.opt.ls_iterations) == (100, 50)
     exact = np.stack([c_engine(full, forces) for forces in scripts()])
