@@ -1,9 +1,9 @@
 """What each task is trained with, for each purpose.
 
 A task needs an entry in `RECIPES` only where the defaults do not fit. `settings.recipe` puts the parts together, the
-later ones on top: the defaults of the purpose; the task's "all"; the task's section of the purpose; the sections for the
-reward form or the method in use ("reward separable", "imitate gan_gcl") or for `--tuned` ("imitate tuned"); what the
-user set.
+later ones on top: the defaults of the purpose; the task's "all"; the task's section of the purpose; the sections for
+the reward form or the method in use ("reward separable", "imitate gan_gcl") or for `--tuned` ("imitate tuned"); what
+the user set.
 """
 
 from __future__ import annotations

@@ -9,14 +9,14 @@ import pytest
 
 from eairl_jax.experiments.options import COMMANDS
 from eairl_jax.experiments.pipeline.experiment import shipped_demonstrations
-from eairl_jax.methods import names
+from eairl_jax.methods import method_names
 
 
 @pytest.mark.parametrize("command", ["imitate", "transfer", "bench"])
 def test_the_help_names_every_method(command, capsys, run):
     assert run(command, "--help") == 0
     text = " ".join(re.sub("[│╭╮╰╯─]", " ", capsys.readouterr().out).split())
-    assert re.search(r"One or more of (.*?) \(to imitate\);", text)[1].split(", ") == list(names())
+    assert re.search(r"One or more of (.*?) \(to imitate\);", text)[1].split(", ") == list(method_names())
 
 
 REFUSED = {
