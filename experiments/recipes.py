@@ -1,8 +1,9 @@
 """What each task is trained with, for each purpose.
 
-A task needs an entry in `RECIPES` only where the defaults do not fit. `settings.recipe` puts the parts together: the
-defaults of the purpose, then the task's "all", then the task's section of the purpose, then the sections for the reward
-form or method in use ("reward separable", "imitate gan_gcl") or for `--tuned` ("imitate tuned"), then what the user set.
+A task needs an entry in `RECIPES` only where the defaults do not fit. `settings.recipe` puts the parts together, the
+later ones on top: the defaults of the purpose; the task's "all"; the task's section of the purpose; the sections for
+the reward form or the method in use ("reward separable", "imitate gan_gcl") or for `--tuned` ("imitate tuned"); what
+the user set.
 """
 
 from __future__ import annotations
@@ -63,9 +64,9 @@ MAZE: dict[str, Section] = {
     "reward separable": dict(lambda_i=0.01, entropy_weight=0.001),
 }
 
-# The ant learns with large batches (6,400 steps) and a policy of medium width. Half the batch with a higher rate settled
-# for a slow gait (600 after 5M steps, std 0.1). A larger entropy weight (0.01) with a wider bound drove the std to 1.2,
-# where actions are clipped and noise costs nothing (750 after 8M steps).
+# The ant learns with large batches (6,400 steps) and a policy of medium width. Half the batch with a higher rate
+# settled for a slow gait (600 after 5M steps, std 0.1). A larger entropy weight (0.01) with a wider bound drove the std
+# to 1.2, where actions are clipped and noise costs nothing (750 after 8M steps).
 WALK = dict(
     policy_lr=1e-3,
     gamma=0.995,
@@ -75,11 +76,11 @@ WALK = dict(
     ppo_epochs=6,
     snapshot_every=50,
 )
-# Found on the ant with development seeds 0 and 1 (EAIRL, 2.56M steps); the figures are shares of the expert's return at
-# the end. Clipped actions: three fifths of the expert's actions lie beyond their bounds (0.76 to 0.79). A nearer horizon
-# learns twice as fast at first, since an adversary rewards the next second best. A wider discriminator with larger
-# steps, which can tell a gait that is nearly right: 0.89. A std that ends at a tenth, since policies of 0.76 walked at
-# 0.90 by their mean actions: 0.95.
+# Found on the ant with development seeds 0 and 1 (EAIRL, 2.56M steps); the figures are shares of the expert's return.
+# - Clipped actions: three fifths of the expert's actions lie beyond their bounds (0.76 to 0.79).
+# - A nearer horizon learns twice as fast at first, since an adversary rewards the next second best.
+# - A wider discriminator with larger steps can tell a gait that is nearly right: 0.89.
+# - The std ends at a tenth, since policies of 0.76 walked at 0.90 by their mean actions: 0.95.
 TUNED = dict(
     actions="clipped",
     hidden=(128, 128),
@@ -146,7 +147,7 @@ WALKER: dict[str, Section] = {
     ),
 }
 ANT = WALKER | {"expert": WALK | dict(iterations=3000)}
-# The crippled ant needs the noise that harms the ant: 550 after 8M steps, where the ant's settings stop at 350 after 3M.
+# The crippled ant needs the noise that harms the ant: 550 after 8M steps. The ant's settings stop at 350 after 3M.
 CRIPPLED_ANT = WALKER | {"expert": WALK | dict(entropy_weight=0.01, log_std_max=0.5, iterations=1250)}
 HALF_CHEETAH = WALKER | {
     "expert": WALK

@@ -1,11 +1,11 @@
-"""Every setting that `--set` accepts: its default, its documentation, how it is read, and the recipe that it ends in."""
+"""Every setting that `--set` accepts: its default, its documentation, how it is read, and how recipes are made."""
 
 from __future__ import annotations
 
 import ast
 import dataclasses
 import inspect
-import math
+import itertools
 import textwrap
 from dataclasses import dataclass, fields
 from typing import Any
@@ -14,6 +14,7 @@ from eairl_jax import Config, HParams, InputError
 from eairl_jax.config import choose
 from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES
+from eairl_jax.hparams import check_hparams
 from eairl_jax.methods import METHODS, uses_empowerment, with_method_defaults
 
 
@@ -62,7 +63,7 @@ def recipe(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any], tun
     values["penalties"] = tuple(penalty for weight, penalty in PENALTY_OF_WEIGHT.items() if values.get(weight))
     hparams = HParams(**{name: value for name, value in values.items() if name in GROUPS["hparams"]})
     config = Config(**{name: value for name, value in values.items() if name in GROUPS["config"]})
-    check_hparams(hparams, config)
+    check_hparams(hparams)
     result = Recipe(config, hparams, **training)
     _check_training(result)
     # A snapshot is never judged by a longer training than the one that it stands for.
@@ -99,22 +100,6 @@ def _check_training(recipe: Recipe) -> None:
         )
     if recipe.restarts < 1:
         raise InputError(f"--restarts {recipe.restarts}: expected at least 1")
-
-
-def check_hparams(hparams: HParams, config: Config) -> None:
-    """Raises `InputError` for a float that no run can have."""
-    for name, value in dataclasses.asdict(hparams).items():
-        if not 0 <= value < math.inf:  # NaN too
-            raise InputError(f"{name} = {value}: expected a number, 0 or more")
-    if config.optimizer == "trpo" and not hparams.kl_limit > 0:
-        raise InputError(f"kl_limit = {hparams.kl_limit}: TRPO never moves then; expected more than 0, e.g. 0.01")
-    if not hparams.std_final_fraction > 0:
-        raise InputError(
-            f"std_final_fraction = {hparams.std_final_fraction}: expected a share of the policy's std above 0, e.g. 0.1"
-        )
-    for name in ("gamma", "gae_lambda"):
-        if getattr(hparams, name) > 1:
-            raise InputError(f"{name} = {getattr(hparams, name)}: expected at most 1")
 
 
 def parse_overrides(assignments: tuple[str, ...]) -> dict[str, Any]:
@@ -216,7 +201,7 @@ def documentation() -> dict[str, str]:
 def _field_docstrings(cls: type) -> dict[str, str]:
     body = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0].body  # pyright: ignore
     texts = {}
-    for field, below in zip(body, body[1:], strict=False):
+    for field, below in itertools.pairwise(body):
         if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
             texts[field.target.id] = " ".join(str(below.value.value).split())  # pyright: ignore
     return texts

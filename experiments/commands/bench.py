@@ -147,14 +147,16 @@ def stages(experiment: Experiment, iterations: int) -> dict[str, Callable[[], No
     optimizer = make_optimizer(env, config)
     state = jax.jit(make_irl(env, config).init)(jax.random.PRNGKey(0), hparams)
     acting, raw = jax.jit(lambda s: agent.collect(s.key, s.agent, env, optimizer, config))(state)
-    past, tau = replay.add(jax.random.PRNGKey(0), state.replay, raw, config), agent.normalized(acting, raw)
+    past, tau = replay.add(jax.random.PRNGKey(0), state.replay, raw, config), agent.normalize_obs(acting, raw)
 
     def pi(obs):
         return optimizer.distribution(acting.policy, obs)
 
     def discriminate(key, d):
-        drawn = discriminator_data.draw(key, agent.seen(experiment.source.demos, env, config), past, raw, config)
-        pair = (discriminator_data.prepare(x, pi, state.empowerment, acting, hparams, config) for x in drawn)
+        drawn = discriminator_data.draw_minibatches(
+            key, agent.clip_actions(experiment.source.demos, env, config), past, raw, config
+        )
+        pair = (discriminator_data.for_loss(x, pi, state.empowerment, acting, hparams, config) for x in drawn)
         return discriminator.fit(d, *pair, hparams, config)[0]
 
     programs = {

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
+from eairl_jax.experiments.pipeline.transfer import learning_path, use_path
 
 from eairl_jax import load_reward
 from eairl_jax.envs.mjx_task import MjxTask
@@ -15,7 +16,6 @@ from eairl_jax.experiments.display.plots import Curve, figure_of, plot
 from eairl_jax.experiments.paper import results
 from eairl_jax.experiments.pipeline import policies
 from eairl_jax.experiments.pipeline.train import say
-from eairl_jax.experiments.pipeline.transfer import learning_path, use_path
 
 GRID = 70  # points a side of a heat map
 SHOWN = "eairl-separable"

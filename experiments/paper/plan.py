@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from eairl_jax.experiments.pipeline.learn import Job
+from eairl_jax.experiments.pipeline.retrain import Target, as_target, kept_curves, on_reward, target_settings
+from eairl_jax.experiments.pipeline.select import Rule
 
 from eairl_jax import InputError
 from eairl_jax.experiments.display.plots import Row, print_table
 from eairl_jax.experiments.paper import figures, results, reward_distance
 from eairl_jax.experiments.paper import published as paper
 from eairl_jax.experiments.pipeline import learn, transfer
-from eairl_jax.experiments.pipeline.learn import Job
-from eairl_jax.experiments.pipeline.retrain import Target, as_target, kept_curves, on_reward, target_settings
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, digest, machine
-from eairl_jax.experiments.pipeline.select import Rule
 from eairl_jax.experiments.pipeline.train import RUNS, say
 from eairl_jax.experiments.recipes import make_env
 from eairl_jax.methods import METHODS

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import filelock
 import numpy as np
+from eairl_jax.experiments.pipeline.scores import Reference
 
 from eairl_jax import InputError
 from eairl_jax.experiments.paper import published as paper
-from eairl_jax.experiments.pipeline.scores import Reference
 from eairl_jax.storage import read_json, write_json
 
 FOLDER = Path("experiments") / "results"

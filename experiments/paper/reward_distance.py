@@ -12,16 +12,16 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from eairl_jax.experiments.pipeline.learn import Job
+from eairl_jax.experiments.pipeline.retrain import Target, kept_curves, tail
+from eairl_jax.experiments.pipeline.scores import shipped
 from scipy import stats
 
 from eairl_jax import Config, Demonstrations, LearnedReward, demonstrations, load_reward, random_policy, reward_function
-from eairl_jax.agent import seen
+from eairl_jax.agent import clip_actions
 from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.pipeline import learn
-from eairl_jax.experiments.pipeline.learn import Job
-from eairl_jax.experiments.pipeline.retrain import Target, kept_curves, tail
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
-from eairl_jax.experiments.pipeline.scores import shipped
 from eairl_jax.experiments.pipeline.train import CLOSENESS, lane_keys
 from eairl_jax.storage import read_json, write_json
 from eairl_jax.types import Key, PyTree
@@ -48,7 +48,7 @@ def walk(key: Key, env: MjxTask, act: Callable[[jax.Array, Key], jax.Array], con
     def step(state, key):
         action = act(state.obs, key)
         after = jax.vmap(env.step)(state, action)  # which clips it
-        return after, seen(Walk(state, action, after), env, config)
+        return after, clip_actions(Walk(state, action, after), env, config)
 
     _, walked = jax.lax.scan(step, start, jax.random.split(key, env.episode_length))
     return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), walked)
@@ -97,7 +97,7 @@ def of_task(
     Args:
       act, state: the imitating policies, `Algorithm.act` and its states `[seeds, ...]`.
     """
-    expert = seen(expert, env, reward.config)
+    expert = clip_actions(expert, env, reward.config)
     function, true = reward_function(reward.config), lambda state, action: env.step(state, action).reward
 
     @jax.jit

@@ -21,7 +21,7 @@ from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.options import Bench, Imitate, Sweep, Transfer
 from eairl_jax.experiments.pipeline.result import Reference
 from eairl_jax.experiments.settings import GROUPS, Recipe, choose_setting, parse_overrides, recipe, refuse_unread
-from eairl_jax.methods import METHODS, names, with_method_defaults
+from eairl_jax.methods import METHODS, method_names, with_method_defaults
 
 SCORE_EPISODES = 500
 RANDOM_SEED = 20_000
@@ -337,7 +337,7 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
     overrides = parse_overrides((f"optimizer={getattr(options, 'optimizer', 'ppo')}", *options.set))
     env = make_env(task)
     for method in options.method:
-        choose("method", method, names())
+        choose("method", method, method_names())
     source = _source(task, env, options.demos)
     recipes = [
         recipe(task, env, purpose, {"method": method, "reward_form": form} | overrides, tuned)

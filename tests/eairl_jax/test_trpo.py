@@ -256,6 +256,7 @@ def test_the_std_follows_its_schedule(trained):
 def test_trpo_makes_as_good_a_pendulum_expert_as_ppo():
     """The best of two seeds, by the recipe of `eairl expert pendulum --optimizer trpo`."""
     from eairl_jax.experiments.pipeline.scores import shipped
+
     from eairl_jax.experiments.recipes import recipe
 
     with_ppo = json.loads(shipped("pendulum").with_suffix(".json").read_text())["expert_return"]

@@ -7,7 +7,7 @@ import pytest
 from eairl_jax import InputError, envs
 from eairl_jax.experiments.options import Imitate, Sweep, Transfer
 from eairl_jax.experiments.pipeline.experiment import imitations, make_target, sweeps, transfers
-from eairl_jax.methods import names
+from eairl_jax.methods import method_names
 
 MAZES = ("point_maze_left", "point_maze_right")
 
@@ -43,8 +43,8 @@ def test_a_setting_that_one_form_reads_is_accepted_beside_others():
 @pytest.mark.parametrize("task", envs.TASKS)
 def test_every_method_has_a_recipe_for_every_task(task):
     for purpose in ("imitate", "reward"):
-        experiments = imitations(Imitate(task, method=names()), purpose)
-        assert [experiment.config.method for experiment in experiments] == list(names())
+        experiments = imitations(Imitate(task, method=method_names()), purpose)
+        assert [experiment.config.method for experiment in experiments] == list(method_names())
 
 
 def test_a_transfer_has_an_experiment_for_each_method_form_and_rule():
