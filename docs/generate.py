@@ -32,7 +32,11 @@ PLACES = {
 PICTURES = "../experiments/results/"
 ROOMS = {
     "library": ("Library", "eairl_jax", "The algorithms. Nothing here knows a task."),
-    "tasks": ("Tasks", "eairl_jax.envs", "Tasks as MJX models behind brax's interface. Nothing here knows an algorithm."),
+    "tasks": (
+        "Tasks",
+        "eairl_jax.envs",
+        "Tasks as MJX models behind brax's interface. Nothing here knows an algorithm.",
+    ),
     "experiments": ("Experiments", "eairl_jax.experiments", "What the commands run: recipes, stages, tables, figures."),
 }
 SECTIONS = ("Args", "Attributes", "Returns", "Raises")
@@ -120,29 +124,47 @@ def public(module: ModuleType) -> dict[str, Any]:
         and member.__doc__
     }
     lines = inspect.getsource(module).splitlines()
-    position = {name: next((i for i, line in enumerate(lines) if re.match(rf"(class|def) {name}\b", line)), -1) for name in members}
+    position = {
+        name: next((i for i, line in enumerate(lines) if re.match(rf"(class|def) {name}\b", line)), -1)
+        for name in members
+    }
     return dict(sorted(members.items(), key=lambda item: position[item[0]]))
 
 
 def signature(name: str, member: Any) -> str:
-    """`name(parameters) -> result` as it is written in the source, on one line."""
+    """`name(parameters) -> result` as it is written in the source, a long one with a line for each parameter."""
     try:
-        text = str(inspect.signature(member)).replace("'", "")
+        whole = inspect.signature(member)
     except (TypeError, ValueError):
         return name
-    text = re.sub(r"<[^<>]*object at[^<>]*>", "...", text)
-    return f"{name}{text}" if inspect.isfunction(member) else f"class {name}{text.removesuffix(' -> None')}"
+    if inspect.isclass(member):
+        name, whole = f"class {name}", whole.replace(return_annotation=inspect.Signature.empty)
+    line = f"{name}{whole}"
+    if len(line) > 90 and whole.parameters:
+        end = str(whole.replace(parameters=[])).removeprefix("()")
+        line = "\n".join([f"{name}(", *(f"    {parameter}," for parameter in whole.parameters.values()), f"){end}"])
+    line = re.sub(r"ForwardRef\(([^()]*)\)", r"\1", line.replace("'", ""))
+    return re.sub(r"<[^<>]*object at[^<>]*>", "...", line)
 
 
 def member_page(full_name: str, member: Any) -> str:
     """A function or class with its anchor, signature, docstring and documented methods."""
     name = full_name.rpartition(".")[2]
-    parts = [f"### `{name}` {{#{full_name}}}", f"```python\n{signature(name, member)}\n```", markdown_of(member.__doc__)]
+    parts = [
+        f"### `{name}` {{#{full_name}}}",
+        f"```python\n{signature(name, member)}\n```",
+        markdown_of(member.__doc__),
+    ]
     if inspect.isclass(member):
         for method, function in vars(member).items():
             function = function.fget if isinstance(function, property) else getattr(function, "__func__", function)
             is_public = not method.startswith("_") or method == "__call__"
-            if is_public and inspect.isfunction(function) and function.__doc__ and function.__module__ == member.__module__:
+            if (
+                is_public
+                and inspect.isfunction(function)
+                and function.__doc__
+                and function.__module__ == member.__module__
+            ):
                 parts.append(f"#### `{name}.{method}` {{#{full_name}.{method}}}")
                 parts.append(f"```python\n{signature(method, function)}\n```\n\n{markdown_of(function.__doc__)}")
     return "\n\n".join(parts)
@@ -164,8 +186,22 @@ def room_page(title: str, package: str, summary: str) -> tuple[str, dict[str, st
             parts.append(member_page(full_name, member))
             anchors[full_name] = full_name
             if inspect.isclass(member):
-                anchors |= {f"{full_name}.{method}": f"{full_name}.{method}" for method in re.findall(rf"{{#{re.escape(full_name)}\.(\w+)}}", parts[-1])}
+                anchors |= {
+                    f"{full_name}.{method}": f"{full_name}.{method}"
+                    for method in re.findall(rf"{{#{re.escape(full_name)}\.(\w+)}}", parts[-1])
+                }
     return "\n\n".join(parts) + "\n", anchors
+
+
+def public_names(names: dict[str, str]) -> str:
+    """A table of the names that `import eairl_jax` gives, with the first sentence of their docstrings."""
+    library, lines = importlib.import_module("eairl_jax"), []
+    for name in library.__all__:
+        anchor = names.get(f"eairl_jax.{name}", "").partition("#")[2]
+        if anchor:
+            summary = inspect.cleandoc(getattr(library, name).__doc__).split("\n\n")[0]
+            lines.append([f"[`{name}`](#{anchor})", escaped(" ".join(summary.split()))])
+    return table(["Name", ""], lines)
 
 
 def commands_page() -> str:
@@ -188,16 +224,26 @@ def argument(record: type, field: dataclasses.Field) -> tuple[str, str, str, boo
     """`(as it is typed, meaning, default, whether it is positional)` of a field of an options record."""
     hint = typing.get_type_hints(record, include_extras=True)[field.name]
     extras = getattr(hint, "__metadata__", ())
-    read = {name: next((value for extra in extras if (value := getattr(extra, name, None))), None) for name in ("help", "metavar", "name")}
+    read = {
+        name: next((value for extra in extras if (value := getattr(extra, name, None))), None)
+        for name in ("help", "metavar", "name")
+    }
     plain = hint.__origin__ if extras else hint
     choices = typing.get_args(plain) if typing.get_origin(plain) is typing.Literal else ()
     positional = any("ositional" in repr(extra) for extra in extras)
-    value = read["metavar"] or ("{" + ",".join(choices) + "}" if choices else "" if field.type in ("bool", "Tuned") else "N")
+    value = read["metavar"] or (
+        "{" + ",".join(choices) + "}" if choices else "" if field.type in ("bool", "Tuned") else "N"
+    )
     option = f"--{(read['name'] or field.name).replace('_', '-')}"
     typed = str(read["metavar"] or value) if positional else f"{option} {value}".strip()
     has_default = not any(field.default is none for none in (dataclasses.MISSING, None, (), False))
     default = " ".join(field.default) if isinstance(field.default, tuple) else str(field.default)
-    return typed, read["help"] or field_docstrings(record)[field.name], f"`{default}`" if has_default else "", positional
+    return (
+        typed,
+        read["help"] or field_docstrings(record)[field.name],
+        f"`{default}`" if has_default else "",
+        positional,
+    )
 
 
 def settings_page() -> str:
@@ -207,8 +253,8 @@ def settings_page() -> str:
 
     parts = [
         "# Settings",
-        "`--set NAME=VALUE` changes any setting, and `eairl settings TASK` prints the values that a task's recipes give "
-        "them. In Python, names and counts are fields of `Config`, floats are fields of `HParams`. Made from the "
+        "`--set NAME=VALUE` changes any setting, and `eairl settings TASK` prints the values of a task's recipes. "
+        "In Python, names and counts are fields of `Config`, floats are fields of `HParams`. Made from the "
         "docstrings.",
     ]
     for record, summary in ((Config, "Names, sizes and counts"), (HParams, "Floats: any of them can be swept")):
@@ -216,7 +262,13 @@ def settings_page() -> str:
         for field in dataclasses.fields(record):
             default = ",".join(map(str, field.default)) if isinstance(field.default, tuple) else field.default
             values = " ".join(f"`{value}`" for value in CHOICES.get(field.name, ()))
-            lines.append([f"`{field.name}`", f"`{default}`" if default != "" else "none", escaped(documented[field.name]) + (f" One of {values}." if values else "")])
+            lines.append(
+                [
+                    f"`{field.name}`",
+                    f"`{default}`" if default != "" else "none",
+                    escaped(documented[field.name]) + (f" One of {values}." if values else ""),
+                ]
+            )
         parts += [f"## {record.__name__}", f"{summary}.", table(["Setting", "Default", "Meaning"], lines)]
     return "\n\n".join(parts) + "\n"
 
@@ -227,7 +279,7 @@ def examples_page() -> str:
     for path in sorted((ROOT / "examples").glob("*.py"), key=lambda path: path.stem != "learn_a_reward"):
         code = path.read_text(encoding="utf-8")
         title = path.stem.replace("_", " ").capitalize()
-        parts.append(f"## {title} {{#{path.stem}}}\n\n```python title=\"examples/{path.name}\"\n{code}```")
+        parts.append(f'## {title} {{#{path.stem}}}\n\n```python title="examples/{path.name}"\n{code}```')
     return "\n\n".join(parts) + "\n"
 
 
@@ -254,13 +306,20 @@ def with_mathml(text: str) -> str:
     return "".join(part for pair in zip(inline, [*parts[1::2], ""], strict=True) for part in pair)
 
 
+def with_whole_figures(text: str) -> str:
+    """The text with unbreakable spaces inside figures: `-4.85 ± 0.03 (1.00)`."""
+    return re.sub(r"(?<=\d) (?=± \d|\(-?\d\.\d\d\))|(?<=\d ±) (?=\d)", "\N{NO-BREAK SPACE}", text)
+
+
 def with_links(text: str, names: dict[str, str]) -> str:
     """The text with links to files led to their places, and full code names linked to the reference."""
     for path, place in PLACES.items():
         text = text.replace(f"({path}", f"({place}")
     text = text.replace(f"({PICTURES}", "(images/")
     text = re.sub(r"\(\.\./examples/(\w+)\.py\)", r"(reference/examples.md#\1)", text)
-    return re.sub(r"(?<!\[)`(eairl_jax(?:\.\w+)+)`", lambda m: f"[`{m[1]}`]({names[m[1]]})" if m[1] in names else m[0], text)
+    return re.sub(
+        r"(?<!\[)`(eairl_jax(?:\.\w+)+)`", lambda m: f"[`{m[1]}`]({names[m[1]]})" if m[1] in names else m[0], text
+    )
 
 
 def root_page(path: Path) -> str:
@@ -283,6 +342,9 @@ def write(out: Path = OUT) -> None:
         member = getattr(library, name)
         if f"{getattr(member, '__module__', '')}.{name}" in names:
             names[f"eairl_jax.{name}"] = names[f"{member.__module__}.{name}"]
+    path = out / "reference" / "library.md"
+    title, rest = path.read_text(encoding="utf-8").split("\n\n", 1)
+    path.write_text(f"{title}\n\n## Public names\n\n{public_names(names)}\n\n{rest}", encoding="utf-8")
     pages = {"commands": commands_page, "settings": settings_page, "examples": examples_page}
     for name, page in pages.items():
         (out / "reference" / f"{name}.md").write_text(page(), encoding="utf-8")
@@ -291,7 +353,7 @@ def write(out: Path = OUT) -> None:
     discussion = (ROOT / "experiments" / "results" / "discussion.md").read_text(encoding="utf-8")
     texts["discussion.md"] = f"# Discussion\n\n{discussion}"
     for name, text in texts.items():
-        site = outside_code(text, lambda part: with_links(with_mathml(part), names))
+        site = outside_code(text, lambda part: with_links(with_whole_figures(with_mathml(part)), names))
         (out / name).write_text(site, encoding="utf-8")
     for picture in (*(ROOT / "docs").glob("*.*"), *(ROOT / "experiments" / "results").glob("*.png")):
         if picture.suffix in (".png", ".css"):

@@ -1,4 +1,4 @@
-"""The wheel, as a user has it: what is inside, and that it works in a project with its own `envs/` and `experiments/`."""
+"""The wheel, as a user has it: its contents, and its use beside a user's packages named `envs` and `experiments`."""
 
 import importlib.util
 import os
@@ -43,7 +43,9 @@ def run(release, wheel, tmp_path_factory):
     def python(*arguments):
         path = os.pathsep.join([".", str(site)])
         environment = os.environ | settings | {"PYTHONPATH": path}
-        done = subprocess.run([sys.executable, *arguments], cwd=project, env=environment, capture_output=True, text=True)
+        done = subprocess.run(
+            [sys.executable, *arguments], cwd=project, env=environment, capture_output=True, text=True
+        )
         assert done.returncode == 0, done.stderr
         return done.stdout
 

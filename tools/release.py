@@ -30,7 +30,9 @@ NEEDED = (
     "eairl_jax/experiments/display/viewer/page.html",
 )
 # Everything that is not in Git and would end in a copy of the working tree.
-IGNORED = shutil.ignore_patterns(".git", ".venv", "runs", "demos", "build", "dist", "*.egg-info", "__pycache__", ".*_cache")
+IGNORED = shutil.ignore_patterns(
+    ".git", ".venv", "runs", "demos", "build", "dist", "*.egg-info", "__pycache__", ".*_cache"
+)
 
 
 def build(out: Path, *kinds: str) -> list[Path]:
@@ -56,18 +58,27 @@ def faults(names: list[str]) -> list[str]:
     strangers = sorted(name for name in inside - metadata if not name.startswith("eairl_jax/"))
     tests = sorted(name for name in inside if "/test" in name or "__pycache__" in name)
     twice = sorted({name for name in names if names.count(name) > 1})
-    sources = {path.relative_to(ROOT).as_posix() for room in ("envs", "experiments") for path in (ROOT / room).rglob("*.py")}
+    sources = {
+        path.relative_to(ROOT).as_posix() for room in ("envs", "experiments") for path in (ROOT / room).rglob("*.py")
+    }
     sources = {f"eairl_jax/{name}" for name in sources}
     sources |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "eairl_jax").glob("*.py*")}
     unpacked = sorted(f"missing: {name}" for name in sources - inside)
-    return [*missing, *unpacked, *(f"does not belong: {name}" for name in (*strangers, *tests)), *(f"twice: {name}" for name in twice)]
+    return [
+        *missing,
+        *unpacked,
+        *(f"does not belong: {name}" for name in (*strangers, *tests)),
+        *(f"twice: {name}" for name in twice),
+    ]
 
 
 def project(folder: Path) -> Path:
     """A user's project with packages of its own named `envs` and `experiments`."""
     for name in ("envs", "experiments"):
         (folder / name).mkdir(parents=True)
-        (folder / name / "__init__.py").write_text("raise ImportError('the user's own package was imported')\n".replace("user's", "user"))
+        (folder / name / "__init__.py").write_text(
+            "raise ImportError('the user's own package was imported')\n".replace("user's", "user")
+        )
     return folder
 
 
@@ -80,7 +91,9 @@ def check_install(wheel: Path, folder: Path) -> None:
     where = project(folder / "project")
     for extra in ({}, {"PYTHONPATH": "."}):
         eairl = str(python.parent / "eairl")
-        shown = subprocess.run([eairl, "tasks"], cwd=where, env=os.environ | extra, check=True, capture_output=True, text=True)
+        shown = subprocess.run(
+            [eairl, "tasks"], cwd=where, env=os.environ | extra, check=True, capture_output=True, text=True
+        )
         assert "point_maze_left" in shown.stdout, shown.stdout
 
 

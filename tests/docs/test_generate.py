@@ -20,7 +20,9 @@ def generate():
 
 
 def test_sections_of_a_docstring_become_lists(generate):
-    text = generate.markdown_of("One line.\n\nArgs:\n  a, b: two\n    numbers.\n  c: x < y, `d < e`.\n\nReturns:\n  A sum.")
+    text = generate.markdown_of(
+        "One line.\n\nArgs:\n  a, b: two\n    numbers.\n  c: x < y, `d < e`.\n\nReturns:\n  A sum."
+    )
     assert text == "One line.\n\n**Args**\n\n- `a, b`: two numbers.\n- `c`: x &lt; y, `d < e`.\n\n**Returns**\n\nA sum."
 
 
@@ -58,3 +60,19 @@ def test_links_lead_to_their_place_in_the_site(generate):
     assert generate.with_links(text, {}) == (
         "[a](contributing.md) [b](reference/examples.md#learn_a_reward) ![c](images/c.png)"
     )
+
+
+def test_a_figure_is_never_broken(generate):
+    text = generate.with_whole_figures("| -4.85 ± 0.03 (1.00) | -4.85 (1.00) | 20 episodes (all) |")
+    assert text.count("\N{NO-BREAK SPACE}") == 4
+    assert "20 episodes (all)" in text
+
+
+def test_a_long_signature_has_a_line_for_each_parameter(generate):
+    def load(
+        path_of_the_file: str, task_of_the_demonstrations: str, obs_size: int = 0, action_size: int = 0
+    ) -> dict: ...
+
+    assert generate.signature("load", load).splitlines()[0] == "load("
+    assert generate.signature("load", load).splitlines()[-1] == ") -> dict"
+    assert generate.signature("f", lambda x: x) == "f(x)"

@@ -1,4 +1,4 @@
-"""The pages of the repository: their code runs, their command lines parse, their links and code names lead somewhere."""
+"""The pages of the repository: code runs, command lines parse, links and code names lead somewhere."""
 
 import importlib
 import inspect
@@ -108,7 +108,9 @@ def test_named_files_exist(page):
 def steps(mark: str) -> list[str]:
     """The functions of a table of how-it-works.md, in its order."""
     text = (ROOT / "docs" / "how-it-works.md").read_text(encoding="utf-8")
-    return re.findall(r"`(eairl_jax\.[\w.]+)` \|$", re.search(rf"<!-- {mark} -->(.*?)<!-- end -->", text, re.DOTALL)[1], re.MULTILINE)
+    return re.findall(
+        r"`(eairl_jax\.[\w.]+)` \|$", re.search(rf"<!-- {mark} -->(.*?)<!-- end -->", text, re.DOTALL)[1], re.MULTILINE
+    )
 
 
 def test_the_steps_of_an_iteration_stand_in_the_order_of_the_code():
