@@ -343,8 +343,8 @@ def write(out: Path = OUT) -> None:
         if f"{getattr(member, '__module__', '')}.{name}" in names:
             names[f"eairl_jax.{name}"] = names[f"{member.__module__}.{name}"]
     path = out / "reference" / "library.md"
-    title, rest = path.read_text(encoding="utf-8").split("\n\n", 1)
-    path.write_text(f"{title}\n\n## Public names\n\n{public_names(names)}\n\n{rest}", encoding="utf-8")
+    top, rest = path.read_text(encoding="utf-8").split("\n\n## ", 1)
+    path.write_text(f"{top}\n\n## Public names\n\n{public_names(names)}\n\n## {rest}", encoding="utf-8")
     pages = {"commands": commands_page, "settings": settings_page, "examples": examples_page}
     for name, page in pages.items():
         (out / "reference" / f"{name}.md").write_text(page(), encoding="utf-8")
