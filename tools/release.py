@@ -1,6 +1,6 @@
-"""Builds the wheel and the sdist, and checks them: `make release`, or `python tools/release.py [--wheel-only FOLDER]`.
+"""Builds the wheel and the sdist in dist/, and checks them: `make release`, or `python tools/release.py`.
 
-1. `python -m build`, without a network: setuptools is that of this environment.
+1. Build, without a network: setuptools is that of this environment.
 2. `twine check --strict`: the registry would accept and show them.
 3. Contents: code, data, viewer and type marker are there; tests and caches are not.
 4. The wheel in a fresh virtual environment, used in a project that has its own `envs/` and `experiments/`.
@@ -84,17 +84,18 @@ def project(folder: Path) -> Path:
 
 def check_install(wheel: Path, folder: Path) -> None:
     """Installs the wheel into a fresh environment and lists the tasks, with and without `PYTHONPATH=.`."""
-    python = folder / "venv" / "bin" / "python"
-    subprocess.run([sys.executable, "-m", "venv", str(folder / "venv")], check=True)
-    pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    subprocess.run([*pip, "--constraint", str(ROOT / "constraints.txt"), str(wheel)], check=True)
+    plain = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    binaries = folder / "venv" / "bin"
+    subprocess.run([sys.executable, "-m", "venv", str(folder / "venv")], env=plain, check=True)
+    install = [str(binaries / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    constraints = ["--constraint", str(ROOT / "constraints.txt")]
+    subprocess.run([*install, *constraints, str(wheel)], env=plain, check=True)
     where = project(folder / "project")
     for extra in ({}, {"PYTHONPATH": "."}):
-        eairl = str(python.parent / "eairl")
-        shown = subprocess.run(
-            [eairl, "tasks"], cwd=where, env=os.environ | extra, check=True, capture_output=True, text=True
-        )
-        assert "point_maze_left" in shown.stdout, shown.stdout
+        command = [str(binaries / "eairl"), "tasks"]
+        shown = subprocess.run(command, cwd=where, env=plain | extra, check=True, stdout=subprocess.PIPE, text=True)
+        if "point_maze_left" not in shown.stdout:
+            sys.exit(f"`eairl tasks` printed no tasks in {where}: {shown.stdout}")
 
 
 def main() -> None:
