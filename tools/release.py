@@ -76,9 +76,7 @@ def project(folder: Path) -> Path:
     """A user's project with packages of its own named `envs` and `experiments`."""
     for name in ("envs", "experiments"):
         (folder / name).mkdir(parents=True)
-        (folder / name / "__init__.py").write_text(
-            "raise ImportError('the user's own package was imported')\n".replace("user's", "user")
-        )
+        (folder / name / "__init__.py").write_text("raise ImportError('this is the package of the user')\n")
     return folder
 
 
