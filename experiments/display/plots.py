@@ -1,40 +1,126 @@
-"""What a run ends with: `summary.json`, a table beside the paper's row, and its curves as a picture."""
+"""Curves of training as pictures."""
 
 from __future__ import annotations
 
-import resource
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from rich.table import Table
-
-from eairl_jax.experiments.paper import published as paper
-from eairl_jax.experiments.pipeline.scores import Reference
-from eairl_jax.experiments.pipeline.train import console
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One panel's line: values `[lanes, iterations]` over environment steps."""
+    """One line of a panel.
+
+    Attributes:
+      panel: title of the panel that the line belongs to.
+      label: name of the line in the legend.
+      values: `[lanes, iterations]`; NaN where no episode had ended yet.
+      steps_per_iteration: environment steps of one lane in one iteration.
+      level: name and height of a horizontal line to compare with.
+      color: a colour of matplotlib; empty for the panel's next one.
+      style: a line style of matplotlib.
+    """
 
     panel: str
     label: str
     values: np.ndarray
     steps_per_iteration: int
     level: tuple[str, float] | None = None
-    """A horizontal line to compare with: its name and height."""
     color: str = ""
-    """The panel's next one, unless told."""
     style: str = "-"
 
 
-def summarize(command: str, task: str, target: str | None, method: str, seeds: Sequence[int], returns: np.ndarray,
-              env_steps: int, seconds: dict, known: Reference, **more) -> dict:  # fmt: skip
-    """The content of `summary.json`; `returns [seeds]`, one true return a seed."""
+def figure_of(rows: int, columns: int, size: tuple[float, float], title: str):
+    """Returns a figure and its axes `[rows, columns]`; `size` is the width and height of one panel in inches."""
+    from matplotlib.figure import Figure  # a figure outside pyplot does not have to be closed
+
+    figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
+    figure.suptitle(title)
+    return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def plot(path: Path, title: str, curves: Sequence[Curve]) -> None:
+    """Saves the picture that `curve_figure` draws."""
+    curve_figure(title, curves).savefig(path, dpi=130)
+
+
+def curve_figure(title: str, curves: Sequence[Curve], columns: int = 4):
+    """Draws the mean over seeds as a line and their range as a band; every name in `Curve.panel` gets a panel."""
+    from matplotlib.ticker import EngFormatter
+
+    panels = list(dict.fromkeys(curve.panel for curve in curves))
+    columns = min(columns, len(panels))
+    figure, axes = figure_of(-(-len(panels) // columns), columns, (5.2, 3.8), title)
+    for spare in axes.flat[len(panels) :]:
+        spare.set_visible(False)
+    for axis, panel in zip(axes.flat, panels, strict=False):
+        drawn = [curve for curve in curves if curve.panel == panel]
+        for number, curve in enumerate(drawn):
+            values = np.ma.masked_invalid(curve.values)
+            steps = (1 + np.arange(values.shape[1])) * curve.steps_per_iteration
+            color = curve.color or f"C{number}"
+            axis.plot(steps, values.mean(axis=0), color=color, ls=curve.style, label=curve.label)
+            axis.fill_between(steps, values.min(axis=0), values.max(axis=0), color=color, alpha=0.2, lw=0)
+        for name, height in dict.fromkeys(curve.level for curve in drawn if curve.level):
+            _mark_level(axis, name, height)
+        axis.set_title(panel, fontsize=10)
+        axis.set_xlabel("environment steps of a seed; mean and range over seeds")
+        axis.xaxis.set_major_formatter(EngFormatter(sep=""))
+        axis.spines[["top", "right"]].set_visible(False)
+        if len(drawn) > 1 or drawn[0].label:
+            axis.legend(frameon=False, fontsize=8)
+    return figure
+
+
+def _mark_level(axis, name: str, height: float) -> None:
+    axis.axhline(height, color="black", lw=0.8, ls="--")
+    axis.annotate(name, (1, height), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)
+
+
+def plot_sweep(
+    path: Path,
+    title: str,
+    names: Sequence[str],
+    returns: np.ndarray,
+    curves: np.ndarray,
+    steps_per_iteration: int,
+    expert: float,
+) -> None:
+    """Saves two panels that compare the settings of a sweep.
+
+    Args:
+      names: of the settings.
+      returns: final true returns `[settings, seeds]`; the first panel shows each as a dot.
+      curves: true returns while learning, `[settings, seeds, iterations]`; the second panel shows means over seeds.
+      steps_per_iteration: environment steps of one seed in one iteration.
+      expert: true return of the demonstrator, drawn as a horizontal line.
+    """
+    from matplotlib import colormaps
+    from matplotlib.ticker import EngFormatter
+
+    figure, ((final, learning),) = figure_of(1, 2, (5.5, 4.0), title)
+    colors = colormaps["viridis"](np.linspace(0.0, 0.9, len(names)))
+    for i, color in enumerate(colors):
+        final.plot(np.full(returns.shape[1], i), returns[i], "o", color=color, alpha=0.6)
+        final.plot([i - 0.2, i + 0.2], [returns[i].mean()] * 2, color=color, lw=2)
+        values = np.ma.masked_invalid(curves[i]).mean(axis=0)
+        learning.plot((1 + np.arange(len(values))) * steps_per_iteration, values, color=color, label=names[i])
+    final.set_xticks(range(len(names)), names, rotation=20, ha="right")
+    final.set_title("final true return, a dot a seed")
+    learning.set(title="true return while learning, mean over seeds", xlabel="environment steps of a seed")
+    learning.xaxis.set_major_formatter(EngFormatter(sep=""))
+    learning.legend(frameon=False, fontsize=8)
+    for axis in (final, learning):
+        _mark_level(axis, "expert", expert)
+        axis.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, dpi=130)
+
+
+# -> pipeline/result.py and the importers of `Row`: to be deleted when pipeline/ and commands/ import
+# `display.console` and build a `Result`.
+def summarize(command, task, target, method, seeds, returns, env_steps, seconds, known, **more) -> dict:
     mean = float(np.mean(returns))
     return {
         "command": command,
@@ -56,102 +142,12 @@ def summarize(command: str, task: str, target: str | None, method: str, seeds: S
 
 def peak_memory_gb() -> float:
     """The most memory this process has held, in GB."""
+    import resource
+    import sys
+
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
 
 
-class Row(NamedTuple):
-    """A row of a table of returns: `returns` holds one true return a seed."""
-
-    name: str
-    returns: np.ndarray
-    published: paper.Row | None = None
-    normalized: float | None = None
-    note: str = ""
-
-
-def print_table(title: str, rows: list[Row]) -> None:
-    """Prints mean and std of each row beside the paper's, then every seed. Fits 80 columns."""
-    table = Table(title=title, title_justify="left")
-    table.add_column("", overflow="fold")
-    with_paper = any(row.published for row in rows)
-    for name in ("mean ± std", *(["paper"] if with_paper else []), "normalized"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for row in rows:
-        mean = f"{np.mean(row.returns):.2f}" + (f" ± {np.std(row.returns):.2f}" if len(row.returns) > 1 else "")
-        normalized = "" if row.normalized is None else f"{row.normalized:.3f}"
-        table.add_row(row.name, mean, *([paper.show(row.published)] if with_paper else []), normalized)
-    console.print(table)
-    for row in rows:
-        each = "every seed " + "  ".join(f"{r:.2f}" for r in row.returns) if len(row.returns) > 1 else ""
-        told = "; ".join(part for part in (each, row.note) if part)
-        if told:
-            console.print(f"[dim]{row.name}: {told}[/dim]", soft_wrap=True, highlight=False)
-
-
-def figure_of(rows: int, columns: int, size: tuple[float, float], title: str):
-    """A figure of `rows x columns` panels, each of `size` inches: `(figure, axes [rows, columns])`."""
-    from matplotlib.figure import Figure  # on its own: nothing has to be closed
-
-    figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
-    figure.suptitle(title)
-    return figure, figure.subplots(rows, columns, squeeze=False)
-
-
-def plot(path: Path, title: str, curves: list[Curve]) -> None:
-    """Saves `curve_figure`."""
-    curve_figure(title, curves).savefig(path, dpi=130)
-
-
-def curve_figure(title: str, curves: list[Curve], columns: int = 4):
-    """The mean and the range over seeds, a panel for each name of `Curve.panel`."""
-    from matplotlib.ticker import EngFormatter
-
-    panels = list(dict.fromkeys(curve.panel for curve in curves))
-    columns = min(columns, len(panels))
-    figure, axes = figure_of(-(-len(panels) // columns), columns, (5.2, 3.8), title)
-    for spare in axes.flat[len(panels) :]:
-        spare.set_visible(False)
-    for axis, panel in zip(axes.flat, panels, strict=False):
-        drawn = [curve for curve in curves if curve.panel == panel]
-        for number, curve in enumerate(drawn):
-            values = np.ma.masked_invalid(curve.values)  # no episode may have ended yet
-            steps = (1 + np.arange(values.shape[1])) * curve.steps_per_iteration
-            color = curve.color or f"C{number}"
-            axis.plot(steps, values.mean(axis=0), color=color, ls=curve.style, label=curve.label)
-            axis.fill_between(steps, values.min(axis=0), values.max(axis=0), color=color, alpha=0.2, lw=0)
-        for name, height in dict.fromkeys(curve.level for curve in drawn if curve.level):
-            axis.axhline(height, color="black", lw=0.8, ls="--")
-            axis.annotate(name, (1, height), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)
-        axis.set_title(panel, fontsize=10)
-        axis.set_xlabel("environment steps of a seed; mean and range over seeds")
-        axis.xaxis.set_major_formatter(EngFormatter(sep=""))
-        axis.spines[["top", "right"]].set_visible(False)
-        if len(drawn) > 1 or drawn[0].label:
-            axis.legend(frameon=False, fontsize=8)
-    return figure
-
-
-def plot_sweep(path: Path, title: str, names: list[str], returns: np.ndarray, curves: np.ndarray,
-               steps_per_iteration: int, expert: float) -> None:  # fmt: skip
-    """Draws final returns `[settings, seeds]`, a dot a seed, and mean curves `[settings, seeds, iterations]`."""
-    from matplotlib import colormaps
-    from matplotlib.ticker import EngFormatter
-
-    figure, ((final, learning),) = figure_of(1, 2, (5.5, 4.0), title)
-    colors = colormaps["viridis"](np.linspace(0.0, 0.9, len(names)))
-    for i, color in enumerate(colors):
-        final.plot(np.full(returns.shape[1], i), returns[i], "o", color=color, alpha=0.6)
-        final.plot([i - 0.2, i + 0.2], [returns[i].mean()] * 2, color=color, lw=2)
-        values = np.ma.masked_invalid(curves[i]).mean(axis=0)
-        learning.plot((1 + np.arange(len(values))) * steps_per_iteration, values, color=color, label=names[i])
-    final.set_xticks(range(len(names)), names, rotation=20, ha="right")
-    final.set_title("final true return, a dot a seed")
-    learning.set(title="true return while learning, mean over seeds", xlabel="environment steps of a seed")
-    learning.xaxis.set_major_formatter(EngFormatter(sep=""))
-    learning.legend(frameon=False, fontsize=8)
-    for axis in (final, learning):
-        axis.axhline(expert, color="black", lw=0.8, ls="--")
-        axis.annotate("expert", (1, expert), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)
-        axis.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=130)
+from eairl_jax.experiments.display.console import Line as Row  # noqa: E402, F401
+from eairl_jax.experiments.display.console import print_table  # noqa: E402, F401
