@@ -113,9 +113,7 @@ def _transfer_table(transfer: list[Result], experiment: list[Result], figures: p
     """The table of one pair of tasks; `experiment` holds the results back in the source, too."""
     first = transfer[0]
     by_column = {(result.name, result.rule): result for result in transfer}
-    by_column |= {
-        (result.name, HOME): result for result in experiment if result.task == result.target == first.task
-    }
+    by_column |= {(result.name, HOME): result for result in experiment if result.task == result.target == first.task}
     columns = [column for column in (*RULES, HOME) if any(column == other for _, other in by_column)]
     expert = ("expert", [_expert(first, figures)])
     best = ("ceiling", [Cell(_mean_and_std(first.ceiling), ceiling(first))])
@@ -162,7 +160,11 @@ def markdown(table: Table) -> str:
     titles = []
     for column, has_paper in zip(table.columns, with_paper, strict=True):
         titles += [column, "paper"] if has_paper else [column]
-    lines = [[table.title, *titles], ["---"] * (1 + len(titles)), *([name, *texts(cells)] for name, cells in table.lines)]
+    lines = [
+        [table.title, *titles],
+        ["---"] * (1 + len(titles)),
+        *([name, *texts(cells)] for name, cells in table.lines),
+    ]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
