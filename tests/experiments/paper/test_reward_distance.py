@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from eairl_jax import Config, demonstrations, envs, random_policy
+from eairl_jax import Config, Demonstrations, random_policy
 from eairl_jax.experiments.paper import reward_distance
 from eairl_jax.experiments.paper.reward_distance import (
     EPISODES,
@@ -20,7 +20,6 @@ from eairl_jax.experiments.paper.reward_distance import (
     rank_correlation,
     walk,
 )
-from eairl_jax.experiments.pipeline.scores import shipped
 
 x = np.random.default_rng(0).normal(size=500)
 
@@ -50,39 +49,43 @@ def test_the_canonical_reward_by_hand():
     np.testing.assert_allclose(shaped, by_hand, rtol=1e-6)
 
 
-@pytest.fixture(scope="module")
-def pendulum():
-    return envs.make("pendulum")
+@pytest.fixture
+def task(toy):
+    """An environment that compiles fast; its true reward is `-|action - 0.5|^2`."""
+    env = toy(action_limit=1.0)
+    env.episode_length = 30
+    return env
 
 
-def test_a_walk_consists_of_steps_of_the_environment(pendulum):
-    transitions = jax.jit(lambda key: walk(key, pendulum, random_policy(pendulum), Config()))(jax.random.PRNGKey(0))
-    assert transitions.action.shape == (EPISODES * pendulum.episode_length, 1)
+def test_a_walk_consists_of_steps_of_the_environment(task):
+    transitions = jax.jit(lambda key: walk(key, task, random_policy(task), Config()))(jax.random.PRNGKey(0))
+    assert transitions.action.shape == (EPISODES * task.episode_length, 2)
     # The recorded states are whole: a step from one of them leads to the next one.
     one = jax.tree.map(lambda leaf: leaf[37], transitions)
-    again = pendulum.step(one.before, one.action)
+    again = task.step(one.before, one.action)
     np.testing.assert_allclose(again.obs, one.after.obs, rtol=1e-5)
     np.testing.assert_allclose(again.reward, one.after.reward, rtol=1e-5)
     np.testing.assert_allclose(transitions.before.obs[EPISODES], transitions.after.obs[0], rtol=1e-6)
 
 
-def test_the_true_reward_is_at_no_distance_and_its_opposite_is_opposed(pendulum, monkeypatch):
+def test_the_true_reward_is_at_no_distance_and_its_opposite_is_opposed(task, monkeypatch):
     def scaled_true_reward(scale, obs, action):
-        angle = jnp.arctan2(obs[..., 1], obs[..., 0])
-        effort = jnp.clip(action[..., 0], -pendulum.action_limit, pendulum.action_limit)
-        return -scale * (angle**2 + 0.1 * obs[..., 2] ** 2 + 0.001 * effort**2)
+        return -scale * jnp.sum((action - 0.5) ** 2, axis=-1)
 
     monkeypatch.setattr(reward_distance, "reward_function", lambda config: scaled_true_reward)
     reward = SimpleNamespace(config=Config(), params=np.array([2.0, -2.0]), description={"seeds": [0, 1]})
-    at_random = random_policy(pendulum)
+    at_random = random_policy(task)
     algorithm = SimpleNamespace(act=lambda state, obs, key: at_random(obs, key))
     agents = SimpleNamespace(algorithm=algorithm, state=np.zeros(2))
-    measured = measures(reward, agents, pendulum, demonstrations.load(shipped("pendulum"), "pendulum"))
+    action = jax.random.uniform(jax.random.PRNGKey(1), (3, 30, 2))
+    obs, true = jnp.zeros((3, 30, 4)), scaled_true_reward(1.0, None, action)
+    measured = measures(reward, agents, task, Demonstrations(obs, action, obs, true, jnp.zeros((3, 30))))
     np.testing.assert_allclose(measured["epic"], [0, 1], atol=0.02)
     for transitions in ("expert", "policy", "random"):
         np.testing.assert_allclose(measured[f"rank correlation, {transitions}"], [1, -1], atol=0.01)
         good, bad = measured[f"worth, {transitions}"]
         assert good < 0 < bad
+    np.testing.assert_allclose(measured["worth, expert"], [2 * true.mean(), -2 * true.mean()], rtol=1e-5)
 
 
 def test_the_measures_of_a_transfer_are_kept(tmp_path):
