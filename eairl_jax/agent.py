@@ -1,8 +1,9 @@
-"""What RL and IRL share: a policy that acts in its environments behind one observation normaliser."""
+"""The part that RL and IRL share: a policy that acts in its environments behind one observation normaliser."""
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,16 +14,18 @@ from eairl_jax.config import Config
 from eairl_jax.gaussian import Gaussian
 from eairl_jax.types import Env, Key, PolicyOptimizer, PyTree, Transition
 
+Steps = TypeVar("Steps", bound=Any)  # a NamedTuple with obs, action and next_obs, as Transition
+
 
 @struct.dataclass
 class Agent:
-    """A policy, its environments and its normaliser: what every algorithm's state holds.
+    """A policy, its environments and its normaliser. The state of every algorithm holds one `Agent`.
 
     Attributes:
-      iteration: `[]` iterations done.
+      iteration: `[]` number of finished iterations.
       rollout: the environments.
-      obs_stats: the normaliser, frozen within an iteration, the same for s and s' and for every network.
-      policy: pi and its value function, the policy optimiser's own state.
+      obs_stats: the normaliser. It is constant within an iteration, and the same for s, for s' and for all networks.
+      policy: the state of the policy optimiser: pi and its value function.
     """
 
     iteration: jax.Array
@@ -32,28 +35,31 @@ class Agent:
 
 
 def init(key: Key, env: Env, optimizer: PolicyOptimizer, config: Config) -> Agent:
-    """A fresh policy at the start of fresh episodes."""
+    """A fresh policy at the start of fresh episodes.
+
+    Raises:
+      InputError: if the environment's observations are not flat vectors.
+    """
     env_key, policy_key = jax.random.split(key)
     environments = rollout.reset(env_key, env, config.num_envs, config.rollout_length, config.episode_length)
     stats = normalize.initial(env, config.normalize_obs)
     return Agent(jnp.zeros((), jnp.int32), environments, stats, optimizer.init(policy_key))
 
 
-def restarted(key: Key, agent: Agent, optimizer: PolicyOptimizer, config: Config) -> Agent:
-    """The same agent, with a fresh policy whenever `config.policy_reset_every` iterations have passed."""
+def reset_policy_if_due(key: Key, agent: Agent, optimizer: PolicyOptimizer, config: Config) -> Agent:
+    """The agent, with a fresh policy at every `config.policy_reset_every`-th iteration (never, if that is 0)."""
     if not config.policy_reset_every:
         return agent
     due = (agent.iteration > 0) & (agent.iteration % config.policy_reset_every == 0)
-    return agent.replace(  # pyright: ignore
-        policy=jax.tree.map(lambda new, old: jnp.where(due, new, old), optimizer.init(key), agent.policy)
-    )
+    policy = jax.tree.map(lambda new, old: jnp.where(due, new, old), optimizer.init(key), agent.policy)
+    return dataclasses.replace(agent, policy=policy)
 
 
 def progress(agent: Agent, config: Config) -> jax.Array:
-    """How much of its training the policy has behind it, in [0, 1]: what rates are annealed by."""
-    whole = config.policy_reset_every or config.iterations
-    done = agent.iteration % whole if config.policy_reset_every else agent.iteration
-    return done / whole
+    """The finished fraction `[]` of the policy's training, from 0 to 1; annealed rates follow it."""
+    iterations = config.policy_reset_every or config.iterations
+    done = agent.iteration % iterations if config.policy_reset_every else agent.iteration
+    return done / iterations
 
 
 def distribution(agent: Agent, obs: jax.Array, optimizer: PolicyOptimizer) -> Gaussian:
@@ -62,7 +68,11 @@ def distribution(agent: Agent, obs: jax.Array, optimizer: PolicyOptimizer) -> Ga
 
 
 def collect(key: Key, agent: Agent, env: Env, optimizer: PolicyOptimizer, config: Config) -> tuple[Agent, Transition]:
-    """tau ~ pi: one iteration's raw transitions `[T, N, ...]`."""
+    """tau ~ pi: acts for one iteration.
+
+    Returns:
+      The agent with its environments after the iteration, and the raw transitions `[T, N, ...]`.
+    """
     environments, raw = rollout.rollout(
         key,
         env,
@@ -71,32 +81,33 @@ def collect(key: Key, agent: Agent, env: Env, optimizer: PolicyOptimizer, config
         config.rollout_length,
         config.episode_length,
     )
-    return agent.replace(rollout=environments), raw  # pyright: ignore
+    return dataclasses.replace(agent, rollout=environments), raw
 
 
-def seen(x: Any, env: Env, config: Config) -> Any:
-    """Demonstrations or transitions with actions as `config.actions` has them: as they were drawn, or executed."""
+def clip_actions(steps: Steps, env: Env, config: Config) -> Steps:
+    """Clips actions to the environment's bounds if `config.actions` is "clipped"; else returns `steps` unchanged."""
     if config.actions == "sampled":
-        return x
+        return steps
     limit = rollout.action_limit(env)
-    return x._replace(action=jnp.clip(x.action, -limit, limit))
+    return steps._replace(action=jnp.clip(steps.action, -limit, limit))
 
 
-def normalized(agent: Agent, x: Any) -> Any:
-    """The same samples with s and s' normalised."""
-    return x._replace(
-        obs=normalize.normalize(agent.obs_stats, x.obs), next_obs=normalize.normalize(agent.obs_stats, x.next_obs)
+def normalize_obs(agent: Agent, steps: Steps) -> Steps:
+    """Normalises s and s' by the agent's statistics."""
+    return steps._replace(
+        obs=normalize.normalize(agent.obs_stats, steps.obs),
+        next_obs=normalize.normalize(agent.obs_stats, steps.next_obs),
     )
 
 
-def finish(agent: Agent, policy: PyTree, raw: Transition, config: Config) -> Agent:
-    """Ends an iteration: the new policy, and the normaliser moved on if it is a running one."""
+def end_iteration(agent: Agent, policy: PyTree, raw: Transition, config: Config) -> Agent:
+    """The agent after an iteration: with the new policy, and with updated statistics if they are running ones."""
     running = config.normalize_obs == "running"
     stats = normalize.update(agent.obs_stats, raw.obs) if running else agent.obs_stats
     return Agent(agent.iteration + 1, agent.rollout, stats, policy)
 
 
-def sample(agent: Agent, obs: jax.Array, key: Key | None, optimizer: PolicyOptimizer) -> jax.Array:
-    """An action `[..., act]` for raw observations; the mean action if key is None."""
+def sample_action(agent: Agent, obs: jax.Array, key: Key | None, optimizer: PolicyOptimizer) -> jax.Array:
+    """Actions `[..., act]` for raw observations `[..., obs]`: samples of the policy, or its means if key is None."""
     pi = distribution(agent, obs, optimizer)
     return pi.mean if key is None else pi.sample(jax.random.normal(key, pi.mean.shape))

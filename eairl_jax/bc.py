@@ -1,6 +1,8 @@
-"""Behaviour cloning: the policy by maximum likelihood on the demonstrations, and nothing else."""
+"""Behaviour cloning: the policy by maximum likelihood on the demonstrations alone."""
 
 from __future__ import annotations
+
+import dataclasses
 
 import jax
 import jax.numpy as jnp
@@ -13,13 +15,14 @@ from eairl_jax.types import Algorithm, Demonstrations, Env, HParams
 
 
 def make_bc(env: Env, config: Config) -> Algorithm:
-    """Builds behaviour cloning; its `data` is `Demonstrations`.
+    """Builds behaviour cloning; the `data` of its `step` is `Demonstrations`.
 
-    An iteration is `discriminator_updates` minibatches of `discriminator_batch` expert samples. It also acts for one
-    rollout, which only the metric `true_return` uses. The std is fitted too: `HParams.std_final_fraction` has no say.
+    An iteration takes `discriminator_updates` Adam steps on minibatches of `discriminator_batch` expert samples. The
+    policy also acts for one rollout, which only the metric `true_return` uses. The std is a fitted parameter:
+    `HParams.std_final_fraction` has no effect.
 
     Raises:
-      InputError: for an environment without flat observations.
+      InputError: if the environment's observations are not flat vectors.
     """
     optimizer = make_optimizer(env, config)
 
@@ -30,16 +33,17 @@ def make_bc(env: Env, config: Config) -> Algorithm:
         policy = acting.policy
 
         def loss(params, x: Demonstrations):
-            pi = optimizer.distribution(policy.replace(nets=policy.nets.replace(params=params)), x.obs)
+            fitted = dataclasses.replace(policy, nets=dataclasses.replace(policy.nets, params=params))
+            pi = optimizer.distribution(fitted, x.obs)
             log_prob = pi.log_prob(x.action).mean()
             return -log_prob, {"log_prob_expert": log_prob, "entropy": pi.entropy().mean()}
 
-        drawn = train_state.draw(
-            draw_key, agent.seen(demos, env, config), 2, config.discriminator_updates, config.discriminator_batch
-        )
-        nets, metrics = train_state.fit(policy.nets, loss, agent.normalized(acting, drawn), hparams.policy_lr)
+        count = (2, config.discriminator_updates, config.discriminator_batch)
+        drawn = train_state.draw_minibatches(draw_key, agent.clip_actions(demos, env, config), *count)
+        nets, metrics = train_state.fit(policy.nets, loss, agent.normalize_obs(acting, drawn), hparams.policy_lr)
         metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": jnp.zeros(())}
-        return RLState(key, agent.finish(acting, policy.replace(nets=nets), raw, config)), metrics
+        policy = dataclasses.replace(policy, nets=nets)
+        return RLState(key, agent.end_iteration(acting, policy, raw, config)), metrics
 
-    # It begins and acts as any policy in training does; what it learns from is all that differs.
+    # `init` and `act` are those of reinforcement learning; only the update differs.
     return make_rl(env, config)._replace(step=step)

@@ -1,4 +1,4 @@
-"""The whole state of a run on disk, by orbax: what was computed before a kill is there after it."""
+"""The whole state of a run on disk, by orbax: a killed run goes on from its last checkpoint."""
 
 from __future__ import annotations
 
@@ -12,42 +12,49 @@ from eairl_jax.errors import InputError
 from eairl_jax.storage import named_leaves
 from eairl_jax.types import PyTree
 
-KEPT = 2  # the newest, and the one before it
+KEPT = 2  # the newest checkpoint, and the one before it
 
 
 class Checkpoints:
-    """The newest states of a run, a folder an iteration.
+    """The newest states of a run, one folder for each.
 
-    A checkpoint appears under its name only when it is whole; one whose writing was cut off is cleared away.
+    A checkpoint gets its name only when it is complete. Incomplete checkpoints of killed processes are deleted.
+
+    Args:
+      directory: the folder of the checkpoints; it is created.
     """
 
     def __init__(self, directory: Path | str):
-        import orbax.checkpoint as ocp  # a third of a second that commands without training need not pay
+        import orbax.checkpoint as ocp  # takes a third of a second, which only training has to spend
 
         logging.getLogger("absl").setLevel(logging.ERROR)
         self._ocp = ocp
         self._manager = ocp.CheckpointManager(
             Path(directory).resolve(),
-            item_handlers=ocp.StandardCheckpointHandler(),  # so that what is on disk can be asked before it is read
+            item_handlers=ocp.StandardCheckpointHandler(),  # needed to read the shapes on disk before the arrays
             options=ocp.CheckpointManagerOptions(
                 max_to_keep=KEPT, enable_async_checkpointing=False, cleanup_tmp_directories=True
             ),
         )
 
     def latest(self) -> int | None:
-        """The newest iteration on disk, or None."""
+        """The iteration of the newest checkpoint, or None if there is none."""
         return self._manager.latest_step()
 
     def save(self, iteration: int, state: PyTree) -> None:
-        """Writes a state of arrays; returns when it is on disk."""
+        """Writes a state of arrays; returns when the state is on disk."""
         self._manager.save(iteration, args=self._ocp.args.StandardSave(named_leaves(state)))
         self._manager.wait_until_finished()
 
     def restore(self, iteration: int, like: PyTree) -> PyTree:
-        """Reads a state with the structure of `like`, bit for bit as it was saved, as NumPy arrays.
+        """Reads a state as NumPy arrays, bit for bit as it was saved.
+
+        Args:
+          iteration: the iteration of the checkpoint.
+          like: a state of the same structure and shapes.
 
         Raises:
-          InputError: if what was saved has another structure.
+          InputError: if the checkpoint has another structure or other shapes.
         """
         template = named_leaves(like)
         expected = {name: leaf.shape for name, leaf in template.items()}
@@ -56,7 +63,8 @@ class Checkpoints:
             if expected.get(name) != on_disk.get(name):
                 raise InputError(
                     f"checkpoint {iteration} does not fit these settings: {name} has shape "
-                    f"{on_disk.get(name)} on disk, expected {expected.get(name)}"
+                    f"{on_disk.get(name)} on disk, expected {expected.get(name)}; use the settings of the "
+                    "run, or another folder"
                 )
         saved = self._manager.restore(iteration, args=self._ocp.args.StandardRestore(template))
         return jax.tree.unflatten(jax.tree.structure(like), [np.asarray(saved[name]) for name in template])

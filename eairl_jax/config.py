@@ -1,117 +1,143 @@
-"""Everything about a run that is not a float: sizes, counts and names. Hashable, checked when made."""
+"""The settings of a run that are not floats of training: sizes, counts and names. Hashable, and checked when made."""
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
-from collections.abc import Iterable
+import numbers
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from eairl_jax.errors import InputError
 
 
 @dataclass(frozen=True)
 class Config:
-    """The static settings of a run; the floats are in `HParams`.
+    """The static settings of a run; the floats of training are in `HParams`.
 
-    Raises `InputError` when a value is impossible or two values do not fit together.
+    A setting of "default" takes the value of the method (`methods.METHODS`).
+
+    Raises:
+      InputError: if a value is impossible, or if two values contradict each other.
     """
 
-    # One iteration collects num_envs x rollout_length environment steps.
+    # Batches
     num_envs: int = 32
+    """Environments that run in parallel. One iteration collects num_envs x rollout_length environment steps."""
     rollout_length: int = 100
+    """Steps of each environment in one iteration."""
     episode_length: int = 100
     """Time limit of an episode, in environment steps."""
     iterations: int = 100
-    """Length of the whole run: annealed rates end here."""
+    """Iterations of the whole run; annealed rates reach their final values after the last."""
 
-    # ActorCritic. The paper: two hidden layers of 32 ReLU units everywhere (Appendix D.1).
+    # Networks. The paper uses two hidden layers of 32 ReLU units everywhere (Appendix D.1).
     hidden: tuple[int, ...] = (32, 32)
-    """Reward, discriminator and potentials."""
+    """Widths of the hidden layers of the reward and of every potential (Phi and h)."""
     policy_hidden: tuple[int, ...] = (32, 32)
-    """Policy and inverse model."""
+    """Widths of the hidden layers of the policy and of the inverse model."""
     value_hidden: tuple[int, ...] = (64, 64)
+    """Widths of the hidden layers of the value function."""
     activation: str = "relu"
-    """Of every network but the policy and the inverse model."""
+    """Activation of the reward, the potentials and the value function: "relu" or "tanh"."""
     policy_activation: str = "default"
-    """Of the policy and the inverse model: "relu" (Appendix D.1), "tanh"; "default": the method's own."""
+    """Activation of the policy and the inverse model: "relu" (Appendix D.1), "tanh", or "default"."""
     state_dependent_std: bool = False
     """Whether the stds of the policy and of the inverse model depend on their inputs."""
     actions: str = "sampled"
-    """The actions that policies, rewards and inverse models are about: "sampled", the Gaussian's samples, which the
-    environment clips out of sight (the paper's release), or "clipped". Experts draw actions far beyond their bounds;
-    how far changes nothing, but a discriminator of drawn actions sees it."""
+    """Which actions the policy, the reward and the inverse model are about. "sampled": the Gaussian's samples, which
+    the environment clips internally (the paper's release). "clipped": the actions after clipping, as executed. An
+    expert's samples often lie far beyond the bounds. How far has no effect, but a discriminator of sampled actions
+    sees it."""
     log_std_init: float = -0.5
+    """Log of the policy's std before the first update; between log_std_min and log_std_max."""
     log_std_min: float = -5.0
+    """Lower bound on the log of the policy's std."""
     log_std_max: float = 0.5
+    """Upper bound on the log of the policy's std."""
     normalize_obs: str = "task"
-    """"task": the scale that the environment declares for its whole state space (identity if it declares none);
-    "running": mean and variance of what the policy has seen; "none": raw observations."""
+    """How observations are normalised. "task": by the scale that the environment declares for its whole state space
+    (not at all if it declares none). "running": by the mean and variance of the policy's observations so far. "none":
+    not at all."""
     reward_obs: str = "normalized"
-    """What the reward (and a learned h) sees: "normalized" observations, like every other network, or "raw" ones. The
-    coarser its input, the less a reward can single out the path that the expert took."""
+    """Observations that the reward and the learned potential h receive: "normalized", like every other network, or
+    "raw". The coarser the observations, the less a reward can single out the path of the expert."""
 
     # The policy's optimiser
     optimizer: str = "ppo"
-    """"ppo" or "trpo"."""
+    """Optimiser of the policy: "ppo" or "trpo"."""
     ppo_epochs: int = 4
-    """Passes over a batch: of PPO, and of TRPO's value function."""
+    """Passes over a batch in one iteration: of PPO, and of the value function under TRPO."""
     ppo_minibatches: int = 4
+    """Minibatches in one pass over a batch; must divide num_envs x rollout_length."""
     cg_iterations: int = 10
     """TRPO: conjugate-gradient steps towards the natural gradient."""
     line_search_steps: int = 10
-    """TRPO: step sizes tried, each half of the one before."""
+    """TRPO: number of step sizes that the line search tries, each half of the one before."""
 
-    # The adversary. "default" is the method's own, `methods.METHODS`.
+    # The adversary
     method: str = "eairl"
-    """A row of `methods.METHODS`, or "bc"."""
+    """Name of the method: a key of `methods.METHODS`, or "bc" (behaviour cloning)."""
     reward_form: str = "default"
-    """"sa": g(s,a); "s": g(s); "separable": g(s) + k(a)."""
+    """Form of the reward. "sa": g(s,a). "s": g(s). "separable": g(s) + k(a)."""
     action_part: str = "quadratic"
-    """k(a) of a separable reward: "quadratic": -c |a|^2 with a learned c >= 0, a cost and nothing else; "net": any
-    function of the action, which can also learn the direction in which the expert mostly went."""
+    """k(a) of a separable reward. "quadratic": -c |a|^2 with a learned c >= 0, which can only be a cost. "net": any
+    function of the action, which can also learn the direction in which the expert mostly moved."""
     shaping: str = "default"
-    """Potential-based shaping of f: "empowerment" (Phi), "learned" (AIRL's h), "both", "none" (Phi = 0)."""
+    """Potential-based shaping of f: "empowerment" (Phi), "learned" (AIRL's h), "both", or "none"."""
     shaping_discount: str = "default"
-    """"gamma", or "one" as in the authors' release."""
+    """Discount factor in the shaping term: "gamma", or "one" as in the authors' release."""
     policy_phi: str = "default"
-    """Phi(s') in the policy's reward: the slow copy ("target", Eq. 9) or Phi itself ("online", the release)."""
+    """Phi(s') in the policy's reward: "target" is the slow copy Phi' (Eq. 9), "online" is Phi itself (the release)."""
     discriminates: str = "default"
-    """What the discriminator tells apart: "transitions", or whole "trajectories" (GAN-GCL)."""
+    """What the discriminator classifies: single "transitions", or whole "trajectories" (GAN-GCL)."""
     history: str = "default"
-    """The policy's samples that the discriminator sees. "iterations": evenly from the last `history_length` + 1;
-    "paths": half from the current iteration, half from a pool that keeps half of each batch (the release); "all": half
-    from the current iteration, half from `history_length` + 1 of all there were, each as likely."""
+    """Which samples of the policy the discriminator sees. "iterations": evenly drawn from the current iteration and the
+    last `history_length`. "paths": half from the current iteration, half from a pool that keeps half of each batch (the
+    release). "all": half from the current iteration, half from `history_length` + 1 iterations that are drawn evenly
+    from all iterations so far."""
     history_length: int = 20
-    """Iterations whose samples the discriminator sees beside the current ones."""
+    """Number of past iterations whose samples the discriminator sees beside the current samples."""
     policy_reset_every: int = 0
-    """Iterations after which the policy starts anew, annealed rates with it, while the reward goes on; 0: never. One
-    policy only ever tries what lies on its way, and a reward may pay anything for the rest."""
+    """Iterations after which the policy starts anew, with its annealed rates; the reward is kept. 0: never. A single
+    policy visits few states; elsewhere the reward is unconstrained. A fresh policy visits new states."""
     update_order: str = "default"
-    """"empowerment_first" (Algorithm 1) or "discriminator_first" (the release)."""
+    """Order of updates in an iteration: "empowerment_first" (Algorithm 1) or "discriminator_first" (the release)."""
     discriminator_updates: int = 10
+    """Updates of the discriminator in one iteration; of the policy, for behaviour cloning."""
     discriminator_batch: int = 512
-    """Samples of the expert in an update, and as many of the policy. Also behaviour cloning's."""
+    """Samples of the expert in one update of the discriminator, and as many samples of the policy. For behaviour
+    cloning: samples of the expert in one update of the policy."""
     penalties: tuple[str, ...] = ()
-    """Regularisers of the discriminator that are computed, of `PENALTIES`; their weights are in `HParams`."""
+    """Penalties on the reward that are computed: any of "gradient", "action_variance", "input_sparsity". Their weights
+    are in `HParams`."""
 
     # Empowerment
     empowerment_updates: int = 10
-    """Of the inverse model, and as many of Phi."""
+    """Updates of the inverse model in one iteration, and as many of Phi."""
     empowerment_batch: int = 512
+    """Samples of the policy in one update of the inverse model or of Phi."""
     phi_sync_interval: int = 5
     """Iterations between copies of Phi into Phi' (Appendix D.2: 5 to learn a reward, 2 to imitate)."""
     l_i_power: int = 2
-    """p of Eq. 7: 1 absolute, 2 squared."""
+    """Power p of the loss l_I (Eq. 7): 1 (absolute) or 2 (squared)."""
     l_i_actions: str = "default"
-    """The actions of Eq. 7: those "stored", or "resampled" anew, one from q and another from pi (the release)."""
+    """Actions in l_I (Eq. 7). "stored": the actions of the transitions. "resampled": new samples, one from q and
+    another from pi (the release)."""
     l_i_in: str = "loss"
-    """Where lambda_I l_I enters: the policy's "loss" (Eq. 11) or its "reward" (section 3.4)."""
+    """Where lambda_I l_I enters: the policy's "loss" (Eq. 11) or the policy's "reward" (section 3.4)."""
     inverse_loss: str = "default"
-    """Of q: "likelihood" (section 2.3) or "mse" (Eq. 8: the mean alone; the std stays as it began)."""
+    """Loss of the inverse model q. "likelihood": -log q (section 2.3). "mse": the squared error of q's mean (Eq. 8), in
+    which case q's std never changes."""
 
     @staticmethod
     def from_json(settings: dict) -> Config:
-        """The configuration that `dataclasses.asdict` and a JSON file made lists of."""
+        """The configuration that `dataclasses.asdict` and a JSON file have turned into a dict with lists.
+
+        Raises:
+          InputError: if a value is impossible.
+        """
         return Config(**{name: tuple(v) if isinstance(v, list) else v for name, v in settings.items()})
 
     @property
@@ -125,18 +151,32 @@ class Config:
         return self.iterations * self.steps_per_iteration
 
     def __post_init__(self):
-        for name in ("num_envs", "rollout_length", "episode_length", "iterations", "ppo_epochs", "ppo_minibatches",
-                     "discriminator_updates", "discriminator_batch", "empowerment_updates", "empowerment_batch",
-                     "phi_sync_interval", "cg_iterations", "line_search_steps"):  # fmt: skip
+        for field in dataclasses.fields(self):
+            # The dataclass is frozen; a NumPy number becomes a Python number here, before anyone has seen the object.
+            object.__setattr__(self, field.name, _as_type(field.name, getattr(self, field.name), str(field.type)))
+        for name in AT_LEAST_1:
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {getattr(self, name)}: expected at least 1")
         for name in ("history_length", "policy_reset_every"):
             if getattr(self, name) < 0:
-                raise InputError(f"{name} = {getattr(self, name)}: expected 0 (none, never) or more iterations")
+                raise InputError(f"{name} = {getattr(self, name)}: expected 0 or more iterations")
+        for name in ("hidden", "policy_hidden", "value_hidden"):
+            if min(getattr(self, name), default=0) < 1:
+                raise InputError(
+                    f"{name} = {getattr(self, name)}: expected one or more widths of at least 1, for example (32, 32)"
+                )
+        for name, options in CHOICES.items():
+            choose(name, getattr(self, name), options)
+        for penalty in self.penalties:
+            choose("penalty", penalty, PENALTIES)
+        self._check_combinations()
+
+    def _check_combinations(self) -> None:
+        """Raises `InputError` where two settings contradict each other."""
         if self.policy_reset_every and self.iterations % self.policy_reset_every:
             raise InputError(
-                f"iterations = {self.iterations} is not a multiple of policy_reset_every = {self.policy_reset_every}: the last "
-                "policy would be cut short; choose a multiple"
+                f"iterations = {self.iterations} is not a multiple of policy_reset_every = {self.policy_reset_every}: "
+                "the last policy would be trained for fewer iterations than the others; choose a multiple"
             )
         if self.steps_per_iteration % self.ppo_minibatches:
             raise InputError(
@@ -147,19 +187,27 @@ class Config:
         low, start, high = self.log_std_min, self.log_std_init, self.log_std_max
         if not low < start < high:
             raise InputError(f"log_std_init = {start} must lie between log_std_min = {low} and log_std_max = {high}")
-        for name in ("hidden", "policy_hidden", "value_hidden"):
-            widths = getattr(self, name)
-            if not isinstance(widths, tuple) or not widths or min(widths) < 1:
-                raise InputError(f"{name} = {widths}: expected a tuple of one or more positive widths, e.g. (32, 32)")
-        for name, options in CHOICES.items():
-            choose(name, getattr(self, name), options)
-        for penalty in self.penalties:
-            choose("penalty", penalty, PENALTIES)
 
+
+AT_LEAST_1 = (
+    "num_envs",
+    "rollout_length",
+    "episode_length",
+    "iterations",
+    "ppo_epochs",
+    "ppo_minibatches",
+    "discriminator_updates",
+    "discriminator_batch",
+    "empowerment_updates",
+    "empowerment_batch",
+    "phi_sync_interval",
+    "cg_iterations",
+    "line_search_steps",
+)
 
 PENALTIES = ("gradient", "action_variance", "input_sparsity")
 
-# What a method decides unless the configuration does.
+# Settings that the method decides if their value is "default", and their other values.
 METHOD_DEFAULTS: dict[str, tuple[str, ...]] = {
     "reward_form": ("sa", "s", "separable"),
     "shaping": ("empowerment", "learned", "both", "none"),
@@ -186,14 +234,67 @@ CHOICES: dict[str, tuple] = {
 }
 
 
-def choose(what: str, given, options: Iterable) -> None:
-    """Checks that `given` is one of `options`; the error names the nearest ones.
+def choose(what: str, value: Any, options: Iterable) -> None:
+    """Checks that `value` is one of `options`.
 
     Raises:
-      InputError: if it is not.
+      InputError: if the value is not; the message names the nearest options.
     """
     options = list(options)
-    if given not in options:
-        nearest = difflib.get_close_matches(str(given), [str(o) for o in options], n=3, cutoff=0.4)
-        hint = f"; did you mean {' or '.join(nearest)}?" if nearest else ""
-        raise InputError(f"unknown {what} {given!r}{hint} Choose one of: {', '.join(str(o) for o in options)}")
+    if value not in options:
+        nearest = difflib.get_close_matches(str(value), [str(o) for o in options], n=3, cutoff=0.4)
+        hint = f"; did you mean {' or '.join(nearest)}?" if nearest else "."
+        raise InputError(f"unknown {what} {value!r}{hint} Choose one of: {', '.join(str(o) for o in options)}")
+
+
+def _whole_number(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+        raise TypeError
+    return int(value)
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise TypeError
+    return value if isinstance(value, int) else float(value)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError
+    return value
+
+
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError
+    return value
+
+
+def _tuple_of(one: Callable[[Any], Any]) -> Callable[[Any], tuple]:
+    def convert(value: Any) -> tuple:
+        if not isinstance(value, tuple):
+            raise TypeError
+        return tuple(one(x) for x in value)
+
+    return convert
+
+
+# Type of a field -> (what an error message calls it, conversion that raises TypeError for another type).
+TYPES: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    "int": ("a whole number", _whole_number),
+    "float": ("a number", _number),
+    "str": ("a name", _text),
+    "bool": ("True or False", _flag),
+    "tuple[int, ...]": ("a tuple of whole numbers, for example (32, 32)", _tuple_of(_whole_number)),
+    "tuple[str, ...]": ('a tuple of names, for example ("gradient",)', _tuple_of(_text)),
+}
+
+
+def _as_type(name: str, value: Any, type_name: str) -> Any:
+    """The value of a field, a NumPy number turned into a Python number; `InputError` if it has another type."""
+    expected, convert = TYPES[type_name]
+    try:
+        return convert(value)
+    except TypeError:
+        raise InputError(f"{name} = {value!r}: expected {expected}") from None

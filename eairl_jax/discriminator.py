@@ -1,4 +1,4 @@
-"""The discriminator: a reward, its shaping, and the logit that tells the expert from the policy."""
+"""The discriminator: a reward, its shaping, and the logit that distinguishes the expert from the policy."""
 
 from __future__ import annotations
 
@@ -7,31 +7,36 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from eairl_jax import train_state
+from eairl_jax import nets, train_state
 from eairl_jax.config import Config
 from eairl_jax.methods import METHODS
-from eairl_jax.nets import scalar
 from eairl_jax.types import HParams, Key, Metrics, PyTree
 
-# softplus(-3) = 0.05: actions cost next to nothing until the expert shows that they do.
-FIRST_RAW_COST = -3.0
+# softplus(-3) = 0.05: actions cost almost nothing until the demonstrations show that they do.
+RAW_COST_INIT = -3.0
 
-# A logit beyond it means D < 1 % or D > 99 %: hardly any gradient is left.
+# A logit beyond this value means D < 1 % or D > 99 %: almost no gradient is left.
 SATURATED_LOGIT = 4.595
 
-# Actions that `action_variance` tries at each state: its own, and others of the batch.
-TRIED_ACTIONS = 4
+# Number of actions that `action_variance` compares at each state: the action of the sample, and others of the batch.
+COMPARED_ACTIONS = 4
+
+# Steps of this size fill [0, 1] evenly (the golden ratio's sequence).
+GOLDEN_RATIO_STEP = 0.6180339887
 
 
 class Samples(NamedTuple):
-    """What the logit needs of a transition, `[..., ]` each.
+    """The data of a transition that its logit depends on, `[...]` each.
 
-    In a minibatch of the discriminator the leading axes are `[batch, length]`: `length` consecutive steps are judged
-    together, 1 for all methods but those that discriminate trajectories.
+    In a minibatch of the discriminator the leading axes are `[batch, length]`. The discriminator classifies `length`
+    consecutive steps together; `length` is 1 unless the method discriminates trajectories.
 
     Attributes:
-      obs, action, next_obs, terminated: as in `Transition`, observations as the reward sees them.
-      log_prob: log pi(a|s) under the *current* policy, for the expert's actions too.
+      obs: `[..., obs]` s, as the reward receives it.
+      action: `[..., act]` a.
+      next_obs: `[..., obs]` s', as the reward receives it.
+      terminated: 1 where the task ended the episode.
+      log_prob: log pi(a|s) under the *current* policy, also for the expert's actions.
       phi_shaping: `gamma Phi'(s') - Phi(s)`, a constant for the discriminator; 0 without empowerment.
     """
 
@@ -44,36 +49,36 @@ class Samples(NamedTuple):
 
 
 def shaping(potential: jax.Array, next_potential: jax.Array, terminated: jax.Array, gamma) -> jax.Array:
-    """`F = gamma (1 - terminated) potential(s') - potential(s)` (Ng et al. 1999); nothing is owed after the end."""
+    """`F = gamma (1 - terminated) potential(s') - potential(s)`, `[...]` (Ng et al. 1999)."""
     return gamma * (1.0 - terminated) * next_potential - potential
 
 
 def init(key: Key, obs_size: int, action_size: int, config: Config) -> PyTree:
-    """Parameters: "g" of the reward, "k" of a separable reward's action part, "h" of a learned potential."""
+    """Fresh parameters: "g" of the reward, "k" of a separable reward's action part, "h" of a learned potential."""
     g_key, k_key, h_key = jax.random.split(key, 3)
-    obs, action, net = jnp.zeros((1, obs_size)), jnp.zeros((1, action_size)), scalar(config)
+    obs, action, net = jnp.zeros((1, obs_size)), jnp.zeros((1, action_size)), nets.scalar(config)
     params = {"g": net.init(g_key, obs, action) if config.reward_form == "sa" else net.init(g_key, obs)}
     if config.reward_form == "separable":
         quadratic = config.action_part == "quadratic"
-        params["k"] = {"raw_cost": jnp.full((), FIRST_RAW_COST)} if quadratic else net.init(k_key, action)
+        params["k"] = {"raw_cost": jnp.full((), RAW_COST_INIT)} if quadratic else net.init(k_key, action)
     if config.shaping in ("learned", "both"):
         params["h"] = net.init(h_key, obs)
     return params
 
 
 def reward(params: PyTree, obs: jax.Array, action: jax.Array, config: Config) -> jax.Array:
-    """What is transferred, `[...]`: g(s,a), g(s), or g(s) + k(a).
+    """The reward that is transferred, `[...]`: g(s,a), g(s), or g(s) + k(a).
 
-    A separable reward can hold a cost of actions, and cannot memorise which action the expert takes where.
+    A separable reward can express a cost of actions, and cannot memorise which action the expert takes at which state.
     """
-    net = scalar(config)
+    net = nets.scalar(config)
     if config.reward_form == "sa":
-        return net.apply(params["g"], obs, action)  # pyright: ignore
-    g = net.apply(params["g"], obs)
+        return nets.apply(net, params["g"], obs, action)
+    g = nets.apply(net, params["g"], obs)
     if config.reward_form == "s":
-        return g  # pyright: ignore
+        return g
     if config.action_part == "net":
-        return g + net.apply(params["k"], action)  # pyright: ignore
+        return g + nets.apply(net, params["k"], action)
     return g - jax.nn.softplus(params["k"]["raw_cost"]) * jnp.sum(action**2, axis=-1)
 
 
@@ -81,26 +86,33 @@ def logit_expert_high(params: PyTree, samples: Samples, discount, config: Config
     """`log D - log(1 - D)` of each transition, `[...]`, with f = reward + shaping (Eq. 9)."""
     f = reward(params, samples.obs, samples.action, config)
     if config.shaping in ("learned", "both"):
-        h, next_h = (scalar(config).apply(params["h"], x) for x in (samples.obs, samples.next_obs))
+        h, next_h = (nets.apply(nets.scalar(config), params["h"], x) for x in (samples.obs, samples.next_obs))
         f += shaping(h, next_h, samples.terminated, discount)
     if config.shaping in ("empowerment", "both"):
         f += samples.phi_shaping
     return METHODS[config.method].logit_expert_high(f, samples.log_prob)
 
 
+def policy_reward(params: PyTree, samples: Samples, hparams: HParams, config: Config) -> jax.Array:
+    """The reward `[...]` that the policy is trained on: the method's function of the logit."""
+    logit = logit_expert_high(params, samples, shaping_discount(hparams, config), config)
+    return METHODS[config.method].policy_reward(logit)
+
+
 def shaping_discount(hparams: HParams, config: Config):
-    """gamma of the shaping term: the task's, or 1."""
+    """The discount factor of the shaping term: the task's gamma, or 1."""
     return 1.0 if config.shaping_discount == "one" else hparams.gamma
 
 
 def gradient_penalty(params: PyTree, expert: Samples, policy: Samples, config: Config) -> jax.Array:
-    """`(|grad r| - 1)^2` of the reward's inputs between expert and policy (Gulrajani et al. 2017), a mean `[]`.
+    """`E (|grad r| - 1)^2`, `[]`, at inputs between those of expert and policy (Gulrajani et al. 2017).
 
-    The share of each is the golden ratio's sequence: even over [0, 1], and without relation to a minibatch's order.
+    The expert's share of each input follows the golden ratio's sequence: the shares cover [0, 1] evenly, and do not
+    depend on the order of the minibatch.
     """
     pair = (expert.obs, expert.action), (policy.obs, policy.action)
     flat = jax.tree.map(lambda x: x.reshape(-1, x.shape[-1]), pair)
-    share = (jnp.arange(flat[0][0].shape[0]) * 0.6180339887 % 1.0)[:, None]
+    share = (jnp.arange(flat[0][0].shape[0]) * GOLDEN_RATIO_STEP % 1.0)[:, None]
     inputs = jax.tree.map(lambda e, p: share * e + (1.0 - share) * p, *flat)
     slope = jax.vmap(jax.grad(lambda x: reward(params, *x, config)))(inputs)
     norm = jnp.sqrt(sum(jnp.sum(leaf**2, axis=-1) for leaf in slope) + 1e-12)
@@ -108,34 +120,37 @@ def gradient_penalty(params: PyTree, expert: Samples, policy: Samples, config: C
 
 
 def action_variance(params: PyTree, samples: Samples, config: Config) -> jax.Array:
-    """Variance of r(s, .) over other actions of the minibatch, a mean over its states `[]`.
+    """Variance of r(s, .) over actions of the minibatch, averaged over its states, `[]`.
 
-    What a reward says of one action at one state, and not at others, is what does not transfer.
+    Differences between actions that depend on the state are the part of a reward that does not transfer.
     """
-    actions = jnp.stack([jnp.roll(samples.action, shift, axis=0) for shift in range(TRIED_ACTIONS)])
-    obs = jnp.broadcast_to(samples.obs, (TRIED_ACTIONS, *samples.obs.shape))
+    actions = jnp.stack([jnp.roll(samples.action, shift, axis=0) for shift in range(COMPARED_ACTIONS)])
+    obs = jnp.broadcast_to(samples.obs, (COMPARED_ACTIONS, *samples.obs.shape))
     return jnp.var(reward(params, obs, actions, config), axis=0).mean()
 
 
 def input_sparsity(params: PyTree, samples: Samples, config: Config) -> jax.Array:
-    """`sum_i sqrt(E (d r / d obs_i)^2)`, a group lasso over the observation's entries, `[]`.
+    """`sum_i sqrt(E (d r / d obs_i)^2)`, `[]`: a group lasso over the entries of the observation.
 
-    A discriminator tells the expert by all that is at hand; what a reward can do without should not be in it. The
-    slopes are the function's own, not the first layer's weights, so later layers cannot make up for smaller ones.
-    Entries count in the units in which the reward sees them (`Config.normalize_obs`).
+    A discriminator uses every difference between expert and policy. The penalty removes the entries that the reward
+    does not need. It uses the derivatives of the whole function, and not the weights of the first layer, which later
+    layers could compensate. Entries count in the units that the reward receives (`Config.reward_obs`).
     """
     obs, action = (x.reshape(-1, x.shape[-1]) for x in (samples.obs, samples.action))
     slope = jax.vmap(jax.grad(lambda obs, action: reward(params, obs, action, config)))(obs, action)
-    return jnp.sqrt(jnp.mean(slope**2, axis=0) + 1e-8).sum()  # the root's derivative at 0 is infinite
+    return jnp.sqrt(jnp.mean(slope**2, axis=0) + 1e-8).sum()  # + 1e-8: the derivative of a root is infinite at 0
 
 
 def loss(params: PyTree, expert: Samples, policy: Samples, hparams: HParams, config: Config):
-    """Binary cross-entropy, the expert labelled 1 (Eq. 10, its signs mended), and its metrics.
+    """Binary cross-entropy with the label 1 for the expert (Eq. 10, whose signs are wrong in print), plus penalties.
 
-    `-log D = softplus(-logit)` on the expert, `-log(1 - D) = softplus(logit)` on the policy; the logit of a
-    trajectory is the sum of its transitions' (Finn et al. 2016).
+    `-log D = softplus(-logit)` for the expert, `-log(1 - D) = softplus(logit)` for the policy. The logit of a
+    trajectory is the sum of the logits of its transitions (Finn et al. 2016).
+
+    Returns:
+      `(loss [], metrics)`.
     """
-    # One forward pass over both halves: a small network costs by the call, not by the sample.
+    # One forward pass over both halves: the cost of a small network depends on the number of calls.
     both = jax.tree.map(lambda e, p: jnp.concatenate([e, p]), expert, policy)
     logit = logit_expert_high(params, both, shaping_discount(hparams, config), config).sum(axis=-1)
     expert_logit, policy_logit = jnp.split(logit, [expert.obs.shape[0]])
@@ -157,14 +172,19 @@ def loss(params: PyTree, expert: Samples, policy: Samples, hparams: HParams, con
 
 
 def fit(
-    fitted: train_state.TrainState, expert: Samples, policy: Samples, hparams: HParams, config: Config
+    state: train_state.TrainState, expert: Samples, policy: Samples, hparams: HParams, config: Config
 ) -> tuple[train_state.TrainState, Metrics]:
-    """Updates D on minibatches `[updates, batch, length, ...]` of the expert and of the policy's history."""
-    fitted, metrics = train_state.fit(
-        fitted, lambda params, pair: loss(params, *pair, hparams, config), (expert, policy), hparams.discriminator_lr
+    """Updates D once on each pair of minibatches.
+
+    Args:
+      expert: `[updates, batch, length, ...]` samples of the expert.
+      policy: `[updates, batch, length, ...]` samples of the policy.
+    """
+    state, metrics = train_state.fit(
+        state, lambda params, pair: loss(params, *pair, hparams, config), (expert, policy), hparams.discriminator_lr
     )
     metrics["accuracy"] = 0.5 * (metrics["accuracy_expert"] + metrics["accuracy_policy"])
     metrics["log_prob_expert"] = expert.log_prob.mean()
     for name, samples in (("reward_expert", expert), ("reward_policy", policy)):
-        metrics[name] = reward(fitted.params, samples.obs[-1], samples.action[-1], config).mean()
-    return fitted, metrics
+        metrics[name] = reward(state.params, samples.obs[-1], samples.action[-1], config).mean()
+    return state, metrics

@@ -1,6 +1,8 @@
-"""What the discriminator is shown: samples of the expert and of the policy, and what its logit needs of them."""
+"""The discriminator's data: minibatches of the expert and the policy, and the samples that the logit depends on."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -8,50 +10,95 @@ import jax.numpy as jnp
 from eairl_jax import agent, discriminator, empowerment, replay, train_state
 from eairl_jax.config import Config
 from eairl_jax.errors import InputError
-from eairl_jax.types import Demonstrations, HParams, Key, Transition
+from eairl_jax.gaussian import Gaussian
+from eairl_jax.types import Demonstrations, HParams, Key, PyTree, Transition
+
+Steps = Transition | Demonstrations
 
 
 def check_segments(config: Config, demo_length: int | None = None) -> None:
-    """Raises `InputError` where trajectories are judged and rollouts or demonstrations do not hold whole ones.
+    """Checks that rollouts and demonstrations consist of whole episodes if the method discriminates trajectories.
 
-    Only lengths can be checked: an environment that ends episodes before `config.episode_length` is not for GAN-GCL.
+    The check can only compare lengths. GAN-GCL is not for environments that end episodes before
+    `config.episode_length`.
+
+    Raises:
+      InputError: if a length is not a multiple of `config.episode_length`.
     """
-    for name, length in (("rollout_length", config.rollout_length), ("the demonstrations' length", demo_length)):
+    for name, length in (("rollout_length", config.rollout_length), ("the length of the demonstrations", demo_length)):
         if config.discriminates == "trajectories" and length and length % config.episode_length:
             raise InputError(
-                f"{config.method} discriminates whole trajectories: {name} = {length} must be a multiple of episode_length = "
-                f"{config.episode_length}, or episodes are cut in pieces"
+                f"{config.method} discriminates whole trajectories: {name} = {length} must be a multiple of "
+                f"episode_length = {config.episode_length}; change one of the two"
             )
 
 
-def draw(key: Key, demos: Demonstrations, past: replay.Replay, raw: Transition, config: Config):
-    """Raw minibatches `[updates, batch, length, ...]` of the expert and of the policy's history."""
+def draw_minibatches(
+    key: Key, demos: Demonstrations, past: replay.Replay, raw: Transition, config: Config
+) -> tuple[Demonstrations, Transition]:
+    """Raw minibatches `[updates, batch, length, ...]` of the expert, and as many of the policy.
+
+    Args:
+      past: the policy's samples of this iteration and of previous iterations.
+      raw: `[T, N, ...]` the policy's samples of this iteration.
+
+    Raises:
+      InputError: see `check_segments`.
+    """
     check_segments(config, demos.reward.shape[1])
     length = config.episode_length if config.discriminates == "trajectories" else 1
     updates, batch = config.discriminator_updates, -(-config.discriminator_batch // length)
     expert_key, policy_key = jax.random.split(key)
-    index = jax.random.randint(expert_key, (updates, batch), 0, demos.reward.size // length)
-    expert = train_state.rows(demos, 2, train_state.segment(index, length))
-    return expert, replay.draw(policy_key, past, raw, updates, batch, length, config)
+    segments = jax.random.randint(expert_key, (updates, batch), 0, demos.reward.size // length)
+    expert = train_state.take_samples(demos, 2, train_state.segment_indices(segments, length))
+    return expert, replay.draw_segments(policy_key, past, raw, (updates, batch, length), config)
 
 
-def prepare(
-    raw, pi, emp, acting: agent.Agent, hparams: HParams, config: Config, scoring: bool = False
+def for_loss(
+    raw: Steps,
+    pi: Callable[[jax.Array], Gaussian],
+    emp: empowerment.Empowerment | None,
+    acting: agent.Agent,
+    hparams: HParams,
+    config: Config,
 ) -> discriminator.Samples:
-    """What the logit needs of raw samples, log pi under the current policy `pi`; None: as it was when they were taken.
+    """Samples for the discriminator's loss: log pi(a|s) is that of the current policy `pi`, Phi(s') is Phi'(s')."""
+    x = agent.normalize_obs(acting, raw)
+    log_prob = pi(x.obs).log_prob(x.action)
+    next_params = emp.phi_target if emp else None
+    return _samples(raw, x, log_prob, _phi_shaping(x, emp, next_params, hparams, config), config)
 
-    Phi is a constant in it: no gradient of the discriminator's loss reaches Phi.
+
+def for_policy_reward(
+    raw: Transition,
+    emp: empowerment.Empowerment | None,
+    acting: agent.Agent,
+    hparams: HParams,
+    config: Config,
+) -> discriminator.Samples:
+    """Samples for the policy's reward: log pi(a|s) as stored, Phi(s') as `config.policy_phi` says."""
+    x = agent.normalize_obs(acting, raw)
+    next_params = None
+    if emp:
+        next_params = emp.phi.params if config.policy_phi == "online" else emp.phi_target
+    return _samples(raw, x, x.log_prob, _phi_shaping(x, emp, next_params, hparams, config), config)
+
+
+def _samples(raw: Steps, x: Steps, log_prob: jax.Array, phi_shaping, config: Config) -> discriminator.Samples:
+    """Joins the parts; `x` is `raw` with normalised observations."""
+    reward_input = raw if config.reward_obs == "raw" else x
+    return discriminator.Samples(reward_input.obs, x.action, reward_input.next_obs, x.terminated, log_prob, phi_shaping)
+
+
+def _phi_shaping(
+    x: Steps, emp: empowerment.Empowerment | None, next_params: PyTree, hparams: HParams, config: Config
+) -> jax.Array:
+    """`gamma Phi(s') - Phi(s)` `[...]`, Phi(s') by `next_params`; 0 if Phi does not shape the reward.
+
+    The result is a constant: no gradient of the discriminator's loss reaches Phi.
     """
-    x = agent.normalized(acting, raw)
-    log_prob = pi(x.obs).log_prob(x.action) if pi else raw.log_prob
-    phi_shaping = jnp.zeros_like(log_prob)
-    if config.shaping in ("empowerment", "both"):
-        next_params = emp.phi.params if scoring and config.policy_phi == "online" else emp.phi_target
-        phi, next_phi = empowerment.phi(emp.phi.params, x.obs, config), empowerment.phi(next_params, x.next_obs, config)
-        phi_shaping = discriminator.shaping(
-            phi, next_phi, x.terminated, discriminator.shaping_discount(hparams, config)
-        )
-    seen = raw if config.reward_obs == "raw" else x
-    return discriminator.Samples(
-        seen.obs, x.action, seen.next_obs, x.terminated, log_prob, jax.lax.stop_gradient(phi_shaping)
-    )  # fmt: skip
+    if emp is None or config.shaping not in ("empowerment", "both"):
+        return jnp.zeros(x.terminated.shape)
+    phi, next_phi = empowerment.phi(emp.phi.params, x.obs, config), empowerment.phi(next_params, x.next_obs, config)
+    discount = discriminator.shaping_discount(hparams, config)
+    return jax.lax.stop_gradient(discriminator.shaping(phi, next_phi, x.terminated, discount))

@@ -1,4 +1,4 @@
-"""Variational empowerment: the inverse model q(a|s,s'), the potential Phi(s), and the loss that ties them to pi.
+"""Variational empowerment: the inverse model q(a|s,s'), the potential Phi(s), and the loss l_I that ties them to pi.
 
 Section 2.3 of the paper, after Mohamed and Rezende (2015).
 """
@@ -12,34 +12,35 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from eairl_jax import train_state
+from eairl_jax import nets, train_state
 from eairl_jax.config import Config
 from eairl_jax.gaussian import Gaussian
-from eairl_jax.nets import GaussianMLP, scalar
-from eairl_jax.types import HParams, Key, Metrics, PyTree, Transition, no_penalty
+from eairl_jax.types import HParams, Key, Metrics, Penalty, PyTree, Transition, no_penalty
 
 
 def potential_target(log_q: jax.Array, log_prob: jax.Array, beta: float | jax.Array) -> jax.Array:
-    """`beta log q(a|s,s') - log pi(a|s)`: what Phi(s) is regressed on. Any equal shapes."""
+    """`beta log q(a|s,s') - log pi(a|s)`: the regression target of Phi(s). All shapes are equal."""
     return beta * log_q - log_prob
 
 
 def l_i(log_q: jax.Array, log_prob: jax.Array, phi: jax.Array, beta: float | jax.Array, power: int) -> jax.Array:
-    """`l_I = |beta log q(a|s,s') - (log pi(a|s) + Phi(s))|^p`, Eq. 7, on the actions that were taken.
+    """`l_I = |beta log q(a|s,s') - (log pi(a|s) + Phi(s))|^p`, Eq. 7. All shapes are equal.
 
-    Zero where pi is the empowerment-maximising policy w* = exp(beta E log q) / Z and Phi = log Z.
+    The loss is 0 if pi is the empowerment-maximising policy w* = exp(beta E log q) / Z and Phi = log Z.
 
     Args:
-      log_q, log_prob, phi: of any one shape.
+      log_q: log q(a|s,s') of the actions.
+      log_prob: log pi(a|s) of the actions.
+      phi: Phi(s).
       power: p, 1 or 2.
     """
     return jnp.abs(potential_target(log_q, log_prob, beta) - phi) ** power
 
 
 def l_q(q: Gaussian, action: jax.Array, loss: str) -> jax.Array:
-    """The inverse model's loss `[...]` on actions `[..., act]`.
+    """The loss `[...]` of the inverse model for actions `[..., act]`.
 
-    "likelihood": `-log q(a|s,s')`, section 2.3. "mse": `|mean_q(s,s') - a|^2`, Eq. 8, which leaves q's std alone.
+    "likelihood": `-log q(a|s,s')`, section 2.3. "mse": `|mean_q(s,s') - a|^2`, Eq. 8, which does not train q's std.
     """
     if loss == "mse":
         return jnp.sum((q.mean - action) ** 2, axis=-1)
@@ -48,7 +49,13 @@ def l_q(q: Gaussian, action: jax.Array, loss: str) -> jax.Array:
 
 @struct.dataclass
 class Empowerment:
-    """The inverse model q, the potential Phi and its slow copy Phi', with their optimisers."""
+    """The inverse model and the potential in training.
+
+    Attributes:
+      inverse: q(a|s,s') (phi in the paper).
+      phi: Phi(s) (varphi in the paper).
+      phi_target: parameters of Phi'(s), the slow copy of Phi.
+    """
 
     inverse: train_state.TrainState
     phi: train_state.TrainState
@@ -56,30 +63,30 @@ class Empowerment:
 
 
 def init(key: Key, obs_size: int, action_size: int, config: Config) -> Empowerment:
-    """Fresh networks; Phi' starts as a copy of Phi."""
+    """Fresh networks; Phi' is a copy of Phi."""
     q_key, phi_key = jax.random.split(key)
     obs = jnp.zeros((1, obs_size))
-    phi = scalar(config).init(phi_key, obs)
-    inverse = GaussianMLP(action_size, config).init(q_key, obs, obs)
-    return Empowerment(train_state.start(inverse), train_state.start(phi), jax.tree.map(jnp.copy, phi))
+    phi_params = nets.scalar(config).init(phi_key, obs)
+    q_params = nets.GaussianMLP(action_size, config).init(q_key, obs, obs)
+    return Empowerment(train_state.init(q_params), train_state.init(phi_params), jax.tree.map(jnp.copy, phi_params))
 
 
-def q_distribution(params: PyTree, x, config: Config, limit: float = 1.0) -> Gaussian:
-    """q(.|s,s'), observations normalised; `limit` is the environment's bound of actions."""
-    return GaussianMLP(x.action.shape[-1], config, limit).apply(params, x.obs, x.next_obs)  # pyright: ignore
+def q_distribution(params: PyTree, x: Transition, config: Config, limit: float = 1.0) -> Gaussian:
+    """q(.|s,s'), observations normalised; `limit` is the largest magnitude of an executed action."""
+    return nets.apply(nets.GaussianMLP(x.action.shape[-1], config, limit), params, x.obs, x.next_obs)
 
 
 def phi(params: PyTree, obs: jax.Array, config: Config) -> jax.Array:
     """Phi(s) `[...]`, observations normalised."""
-    return scalar(config).apply(params, obs)  # pyright: ignore
+    return nets.apply(nets.scalar(config), params, obs)
 
 
 class Terms(NamedTuple):
-    """What l_I needs of transitions beside Phi(s), `[...]` each.
+    """The terms of l_I beside Phi(s), for each transition, `[...]`.
 
     Attributes:
       log_q: log q(a|s,s').
-      log_prob: log pi(a|s), of the same action, or, drawn anew, of another one.
+      log_prob: log pi(a|s) of the same action; with resampled actions, of another action.
       action: `[..., act]` the action of `log_prob`.
     """
 
@@ -89,7 +96,10 @@ class Terms(NamedTuple):
 
 
 def terms(key: Key, q_params: PyTree, pi: Gaussian, x: Transition, config: Config, limit: float = 1.0) -> Terms:
-    """log q and log pi of the actions taken, or of actions drawn from q and from pi, each on its own (the release)."""
+    """log q and log pi of the actions that `config.l_i_actions` names.
+
+    "stored": the actions of the transitions. "resampled": one new action from q and another from pi (the release).
+    """
     q = q_distribution(q_params, x, config, limit)
     if config.l_i_actions == "stored":
         return Terms(q.log_prob(x.action), x.log_prob, x.action)
@@ -99,11 +109,18 @@ def terms(key: Key, q_params: PyTree, pi: Gaussian, x: Transition, config: Confi
 
 
 def fit(
-    key: Key, state: Empowerment, batch: Transition, pi: Callable, hparams: HParams, config: Config, limit: float = 1.0
+    key: Key,
+    state: Empowerment,
+    batch: Transition,
+    pi: Callable[[jax.Array], Gaussian],
+    hparams: HParams,
+    config: Config,
+    limit: float = 1.0,
 ) -> tuple[Empowerment, Metrics]:
-    """Fits q by l_q, then Phi by l_I against the q just fitted, on the policy's own transitions `[T, N, ...]`.
+    """Updates q by l_q, then Phi by l_I with the updated q.
 
     Args:
+      batch: `[T, N, ...]` the policy's transitions, observations normalised.
       pi: `obs -> Gaussian`, the policy that acted.
       limit: the largest magnitude of an executed action.
     """
@@ -114,49 +131,63 @@ def fit(
         loss = l_q(q_distribution(params, x, config, limit), x.action, config.inverse_loss).mean()
         return loss, {"l_q": loss}
 
-    inverse, q_metrics = train_state.fit(
-        state.inverse, q_loss, train_state.draw(q_key, batch, *count), hparams.inverse_lr
-    )
+    q_minibatches = train_state.draw_minibatches(q_key, batch, *count)
+    inverse, q_metrics = train_state.fit(state.inverse, q_loss, q_minibatches, hparams.inverse_lr)
 
     def phi_loss(params, minibatch):
-        obs, own = minibatch
+        obs, t = minibatch
         potential = phi(params, obs, config)
-        loss = l_i(own.log_q, own.log_prob, potential, hparams.beta, config.l_i_power).mean()
+        loss = l_i(t.log_q, t.log_prob, potential, hparams.beta, config.l_i_power).mean()
         return loss, {"l_i": loss, "empowerment": potential.mean(), "empowerment_std": potential.std()}
 
-    x = train_state.draw(phi_key, batch, *count)
-    own = terms(jax.random.fold_in(phi_key, 1), inverse.params, pi(x.obs), x, config, limit)
-    fitted, phi_metrics = train_state.fit(state.phi, phi_loss, (x.obs, own), hparams.phi_lr)
-    return Empowerment(inverse, fitted, state.phi_target), q_metrics | phi_metrics
+    x = train_state.draw_minibatches(phi_key, batch, *count)
+    x_terms = terms(jax.random.fold_in(phi_key, 1), inverse.params, pi(x.obs), x, config, limit)
+    phi_state, phi_metrics = train_state.fit(state.phi, phi_loss, (x.obs, x_terms), hparams.phi_lr)
+    return Empowerment(inverse, phi_state, state.phi_target), q_metrics | phi_metrics
 
 
 def sync(state: Empowerment, iteration: jax.Array, config: Config) -> Empowerment:
     """Copies Phi into Phi' at every `phi_sync_interval`-th iteration."""
     due = iteration % config.phi_sync_interval == 0
-    copied = jax.tree.map(lambda new, slow: jnp.where(due, new, slow), state.phi.params, state.phi_target)
-    return Empowerment(state.inverse, state.phi, copied)
+    phi_target = jax.tree.map(lambda new, old: jnp.where(due, new, old), state.phi.params, state.phi_target)
+    return Empowerment(state.inverse, state.phi, phi_target)
 
 
-def with_l_i(key: Key, tau: Transition, pi, emp, hparams: HParams, config: Config, limit: float = 1.0):
-    """lambda_I l_I where `config.l_i_in` says: in the reward, or as a cost on the policy (Eq. 11).
+def with_l_i(
+    key: Key,
+    tau: Transition,
+    pi: Callable[[jax.Array], Gaussian],
+    emp: Empowerment | None,
+    hparams: HParams,
+    config: Config,
+    limit: float = 1.0,
+) -> tuple[Transition, Penalty, PyTree]:
+    """Adds lambda_I l_I to the policy's objective: as a cost in the loss (Eq. 11), or in the reward (`config.l_i_in`).
+
+    Args:
+      tau: `[T, N, ...]` the policy's transitions, observations normalised.
+      pi: `obs -> Gaussian`, the policy that acted.
+      emp: None adds nothing.
+      limit: the largest magnitude of an executed action.
 
     Returns:
-      The transitions, the penalty, and what the penalty needs of each transition.
+      The transitions, the penalty for the policy optimiser, and the penalty's data for each transition.
     """
     if not emp:
         return tau, no_penalty, ()
-    own = terms(key, emp.inverse.params, pi(tau.obs), tau, config, limit)
+    tau_terms = terms(key, emp.inverse.params, pi(tau.obs), tau, config, limit)
     potential = phi(emp.phi.params, tau.obs, config)
 
     def cost(log_prob, log_q, potential):
         return hparams.lambda_i * l_i(log_q, log_prob, potential, hparams.beta, config.l_i_power)
 
     if config.l_i_in == "reward":
-        return tau._replace(reward=tau.reward - cost(own.log_prob, own.log_q, potential)), no_penalty, ()
+        reward = tau.reward - cost(tau_terms.log_prob, tau_terms.log_q, potential)
+        return tau._replace(reward=reward), no_penalty, ()
 
-    def penalty(now, log_prob, data):
-        log_q, potential, *drawn = data
-        return cost(now.log_prob(drawn[0]) if drawn else log_prob, log_q, potential)
+    def penalty(pi, log_prob, data):
+        log_q, potential, *resampled = data
+        return cost(pi.log_prob(resampled[0]) if resampled else log_prob, log_q, potential)
 
-    drawn = (own.action,) if config.l_i_actions == "resampled" else ()
-    return tau, penalty, (own.log_q, potential, *drawn)
+    resampled = (tau_terms.action,) if config.l_i_actions == "resampled" else ()
+    return tau, penalty, (tau_terms.log_q, potential, *resampled)

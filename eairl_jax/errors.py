@@ -1,5 +1,8 @@
-"""The one exception a user of the library has to know."""
+"""The exception that a user of the library has to handle."""
 
 
 class InputError(ValueError):
-    """Bad input, found before any compute is spent: says what was wrong, what was expected, how to fix it."""
+    """Bad input, raised before anything is compiled.
+
+    The message says what was wrong, what was expected, and how to fix it.
+    """

@@ -1,4 +1,4 @@
-"""Generalised advantage estimation (Schulman et al. 2016), truncation and termination kept apart."""
+"""Generalised advantage estimation (Schulman et al. 2016) that distinguishes termination from truncation."""
 
 from __future__ import annotations
 
@@ -14,15 +14,21 @@ def gae(
     gamma: float | jax.Array,
     lambda_: float | jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
-    """Advantages and value targets, all arguments and results `[T, N]`.
+    """Advantages and value targets; all arrays are `[T, N]`.
 
     `delta_t = r_t + gamma (1 - terminated_t) V(s'_t) - V(s_t)` and
-    `A_t = delta_t + gamma lambda (1 - terminated_t) (1 - truncated_t) A_{t+1}`:
-    a terminated step has no future, a truncated one has the future that V(s') says, but the next row of the batch
-    belongs to another episode.
+    `A_t = delta_t + gamma lambda (1 - terminated_t) (1 - truncated_t) A_{t+1}`.
+    After a terminated step no reward follows. After a truncated step the reward that V(s') predicts follows, but the
+    next step of the batch belongs to another episode.
 
     Args:
+      reward: r.
+      value: V(s).
       next_value: V(s') of the true next observation, not of the state after a reset.
+      terminated: 1 where the task ended the episode.
+      truncated: 1 where the time limit ended the episode.
+      gamma: discount factor.
+      lambda_: lambda.
 
     Returns:
       `(advantage, advantage + value)`.

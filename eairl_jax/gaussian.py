@@ -1,4 +1,4 @@
-"""Diagonal Gaussians over actions: of the sample before it is clipped, or of what is executed."""
+"""Diagonal Gaussians over actions: over samples before clipping, or over executed actions."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class Gaussian:
         return jnp.sum(-0.5 * z**2 - self.log_std - 0.5 * LOG_2PI, axis=-1)
 
     def entropy(self) -> jax.Array:
-        """Differential entropy `[...]` in nats."""
+        """Differential entropy `[...]`, in nats."""
         return jnp.sum(self.log_std + 0.5 * (1.0 + LOG_2PI), axis=-1)
 
     def kl(self, other: Gaussian) -> jax.Array:
-        """KL(self || other) `[...]` in nats."""
+        """KL(self || other) `[...]`, in nats."""
         log_ratio = self.log_std - other.log_std
         squared = jnp.exp(2 * log_ratio) + ((self.mean - other.mean) * jnp.exp(-other.log_std)) ** 2
         return jnp.sum(0.5 * (squared - 1.0) - log_ratio, axis=-1)
@@ -44,13 +44,14 @@ class Gaussian:
 
 @struct.dataclass
 class Censored(Gaussian):
-    """A diagonal Gaussian of which only what is executed is seen: samples are clipped to [-limit, limit].
+    """The distribution of executed actions: samples of a diagonal Gaussian, clipped to [-limit, limit].
 
-    Its probabilities are densities inside the bounds and masses on them: `P(a = limit) = P(sample >= limit)`. PPO's
-    gradient is then that of Fujita and Maeda (2018). `kl` stays the Gaussians', an upper bound.
+    A probability is a density inside the bounds and a mass on a bound: `P(a = limit) = P(sample >= limit)`. PPO's
+    gradient is then the gradient of Fujita and Maeda (2018). `kl` is inherited: the KL of the unclipped Gaussians, an
+    upper bound.
 
     Attributes:
-      limit: the largest magnitude that is executed.
+      limit: the largest magnitude of an executed action.
     """
 
     limit: float = struct.field(pytree_node=False, default=1.0)
@@ -67,7 +68,7 @@ class Censored(Gaussian):
         return jnp.sum(jnp.where(jnp.abs(action) < self.limit, density, at_bound), axis=-1)
 
     def entropy(self) -> jax.Array:
-        """Entropy `[...]` in nats of what is executed: differential inside the bounds, of the masses on them."""
+        """Entropy `[...]` of the executed action, in nats: differential inside the bounds, discrete on the bounds."""
         scale = jnp.exp(-self.log_std)
         to_low, to_high = (-self.limit - self.mean) * scale, (self.limit - self.mean) * scale
         low, high = log_ndtr(to_low), log_ndtr(-to_high)
@@ -79,4 +80,5 @@ class Censored(Gaussian):
 
 
 def _standard_density(z: jax.Array) -> jax.Array:
+    """Density of the standard normal distribution."""
     return jnp.exp(-0.5 * z**2 - 0.5 * LOG_2PI)

@@ -1,6 +1,6 @@
-"""THE loop: one iteration of adversarial inverse reinforcement learning, Algorithm 1 of the paper.
+"""One iteration of adversarial inverse reinforcement learning: Algorithm 1 of Qureshi et al. (2019).
 
-Every method of `methods.METHODS` is this loop; read `step` in `make_irl` first.
+Every method of `methods.METHODS` runs this loop. Read `step` in `make_irl` first.
 """
 
 from __future__ import annotations
@@ -29,14 +29,15 @@ from eairl_jax.types import Algorithm, Demonstrations, Env, HParams, Key, PyTree
 
 @struct.dataclass
 class IRLState:
-    """Everything a run is, between two iterations. Each leaf is an array: save it and you can go on.
+    """The whole state of a run between two iterations. Every leaf is an array: a run can go on from a saved state.
 
     Attributes:
-      key: drives every random choice.
-      agent: the policy, its environments, the normaliser.
-      empowerment: q(a|s,s'), Phi(s) and Phi'(s); None for methods without.
-      discriminator: the reward and what is learned of its shaping.
-      replay: raw samples of this and the previous iterations.
+      key: source of all randomness.
+      agent: the policy (theta), its environments and the normaliser.
+      empowerment: the inverse model q(a|s,s') (phi), Phi(s) (varphi) and its slow copy Phi'(s) (varphi'); None for
+        methods without empowerment.
+      discriminator: the reward and the learned part of its shaping (xi).
+      replay: raw samples of this iteration and of previous iterations.
     """
 
     key: Key
@@ -48,98 +49,106 @@ class IRLState:
 
 @struct.dataclass
 class RewardParams:
-    """A learned reward, the artefact that is transferred: its networks and the normaliser they stand behind."""
+    """A learned reward, which can be transferred to another task.
+
+    Attributes:
+      params: parameters of the reward's networks.
+      obs_stats: the normaliser of the reward's observations.
+    """
 
     params: PyTree
     obs_stats: normalize.ObsStats
 
 
 def make_irl(env: Env, config: Config) -> Algorithm:
-    """Builds the adversarial method that `config.method` names; its `data` is `Demonstrations`.
+    """Builds the adversarial method that `config.method` names; the `data` of its `step` is `Demonstrations`.
 
     Raises:
-      InputError: for an unknown method, an environment without flat observations, or trajectories that rollouts cut.
+      InputError: if the method is unknown, if the environment's observations are not flat vectors, or if the method
+        discriminates whole trajectories and a rollout does not consist of whole episodes.
     """
     config = methods.with_method_defaults(config)
     discriminator_data.check_segments(config)
     obs_size, action_size = normalize.flat_size(env), env.action_size
-    optimizer = make_optimizer(env, config)
-    limit = rollout.action_limit(env)
-    uses_empowerment = methods.uses_empowerment(config)
+    optimizer, limit = make_optimizer(env, config), rollout.action_limit(env)
 
     def init(key: Key, hparams: HParams) -> IRLState:
-        del hparams  # no rate is part of the state
-        key, actor_key, empowerment_key, d_key = jax.random.split(key, 4)
+        del hparams  # no rate is a part of the state
+        key, agent_key, emp_key, d_key = jax.random.split(key, 4)
+        emp = empowerment.init(emp_key, obs_size, action_size, config) if methods.uses_empowerment(config) else None
         return IRLState(
             key=key,
-            agent=agent.init(actor_key, env, optimizer, config),
-            empowerment=empowerment.init(empowerment_key, obs_size, action_size, config) if uses_empowerment else None,
-            discriminator=train_state.start(discriminator.init(d_key, obs_size, action_size, config)),
+            agent=agent.init(agent_key, env, optimizer, config),
+            empowerment=emp,
+            discriminator=train_state.init(discriminator.init(d_key, obs_size, action_size, config)),
             replay=replay.empty(obs_size, action_size, config),
         )
 
     def step(state: IRLState, hparams: HParams, demos: Demonstrations):
         hparams = hparams.at(agent.progress(state.agent, config))
         key, tau_key, emp_key, d_key, pi_key = jax.random.split(state.key, 5)
-        fresh_key, past_key = (jax.random.fold_in(tau_key, i) for i in (1, 2))
+        reset_key, replay_key = (jax.random.fold_in(tau_key, i) for i in (1, 2))
 
-        # tau ~ pi
-        acting = agent.restarted(fresh_key, state.agent, optimizer, config)
+        # Collect trajectories tau with the policy pi_theta.
+        acting = agent.reset_policy_if_due(reset_key, state.agent, optimizer, config)
         acting, raw = agent.collect(tau_key, acting, env, optimizer, config)
-        past, tau = replay.add(past_key, state.replay, raw, config), agent.normalized(acting, raw)
+        past, tau = replay.add(replay_key, state.replay, raw, config), agent.normalize_obs(acting, raw)
         pi = functools.partial(optimizer.distribution, acting.policy)
 
-        # phi, varphi: the inverse model by l_q, then the empowerment by l_I
-        def fit_empowerment(emp):
+        # Update the inverse model q (phi) by l_q, then the empowerment Phi (varphi) by l_I.
+        def update_empowerment(emp):
             return empowerment.fit(emp_key, emp, tau, pi, hparams, config, limit) if emp else (None, {})
 
-        # xi: the discriminator, hence the reward
-        def fit_discriminator(emp):
-            expert, policy = discriminator_data.draw(d_key, agent.seen(demos, env, config), past, raw, config)
-            pair = (discriminator_data.prepare(x, pi, emp, acting, hparams, config) for x in (expert, policy))
-            return discriminator.fit(state.discriminator, *pair, hparams, config)
+        # Update the discriminator D (xi), and hence the reward, by the cross-entropy of D.
+        def update_discriminator(emp):
+            demonstrated = agent.clip_actions(demos, env, config)
+            pair = discriminator_data.draw_minibatches(d_key, demonstrated, past, raw, config)
+            expert, policy = (discriminator_data.for_loss(x, pi, emp, acting, hparams, config) for x in pair)
+            return discriminator.fit(state.discriminator, expert, policy, hparams, config)
 
         if config.update_order == "discriminator_first":
-            d, d_metrics = fit_discriminator(state.empowerment)
-            emp, metrics = fit_empowerment(state.empowerment)
+            d, d_metrics = update_discriminator(state.empowerment)
+            emp, metrics = update_empowerment(state.empowerment)
         else:
-            emp, metrics = fit_empowerment(state.empowerment)
-            d, d_metrics = fit_discriminator(emp)
+            emp, metrics = update_empowerment(state.empowerment)
+            d, d_metrics = update_discriminator(emp)
 
-        # theta: the policy, on the reward as it now is, and on l_I
-        seen = discriminator_data.prepare(raw, None, emp, acting, hparams, config, scoring=True)
-        logit = discriminator.logit_expert_high(d.params, seen, discriminator.shaping_discount(hparams, config), config)
-        tau = tau._replace(reward=methods.METHODS[config.method].policy_reward(logit))
+        # Update the policy (theta) by PPO or TRPO on the updated reward and on lambda_I l_I.
+        samples = discriminator_data.for_policy_reward(raw, emp, acting, hparams, config)
+        tau = tau._replace(reward=discriminator.policy_reward(d.params, samples, hparams, config))
         l_i_key = jax.random.fold_in(pi_key, 1)
         tau, penalty, penalty_data = empowerment.with_l_i(l_i_key, tau, pi, emp, hparams, config, limit)
         policy, pi_metrics = optimizer.update(pi_key, acting.policy, tau, penalty, penalty_data, hparams)
 
-        # varphi': the slow copy of the empowerment
-        acting = agent.finish(acting, policy, raw, config)
+        # Every n iterations: copy the empowerment into the target empowerment Phi' (varphi').
+        acting = agent.end_iteration(acting, policy, raw, config)
         emp = empowerment.sync(emp, acting.iteration, config) if emp else None
 
-        metrics |= d_metrics | pi_metrics
-        metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": tau.reward.mean()}
-        return IRLState(key, acting, emp, d, past), metrics
+        returns = {"true_return": acting.rollout.mean_return, "policy_reward": tau.reward.mean()}
+        return IRLState(key, acting, emp, d, past), metrics | d_metrics | pi_metrics | returns
 
     def act(state: IRLState, obs, key=None):
-        return agent.sample(state.agent, obs, key, optimizer)
+        return agent.sample_action(state.agent, obs, key, optimizer)
 
     return Algorithm(init, step, act)
 
 
 def learned_reward(state: IRLState) -> RewardParams:
-    """What is transferred: the reward alone, without shaping and without log pi. Lanes are kept, if there are any."""
-    kept = {name: params for name, params in state.discriminator.params.items() if name in ("g", "k")}
-    return RewardParams(kept, state.agent.obs_stats)
+    """The reward of a run, without its shaping and without log pi. If the state has a lane axis, the result has it."""
+    reward_params = {name: params for name, params in state.discriminator.params.items() if name in ("g", "k")}
+    return RewardParams(reward_params, state.agent.obs_stats)
 
 
 def reward_function(config: Config) -> Callable[[RewardParams, jax.Array, jax.Array], jax.Array]:
-    """`(RewardParams, raw obs [..., obs], action [..., act]) -> reward [...]` of the form that `config` names."""
+    """`(RewardParams, raw obs [..., obs], action [..., act]) -> reward [...]`, of the form that `config` names.
+
+    Raises:
+      InputError: if no adversarial method has the name `config.method`.
+    """
     config = methods.with_method_defaults(config)
 
     def reward(learned: RewardParams, obs, action):
-        seen = obs if config.reward_obs == "raw" else normalize.normalize(learned.obs_stats, obs)
-        return discriminator.reward(learned.params, seen, action, config)
+        reward_obs = obs if config.reward_obs == "raw" else normalize.normalize(learned.obs_stats, obs)
+        return discriminator.reward(learned.params, reward_obs, action, config)
 
     return reward

@@ -11,30 +11,35 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from eairl_jax.errors import InputError
+from eairl_jax.hparams import check_hparams
 from eairl_jax.types import Algorithm, HParams, Key, Metrics, PyTree
 
 LANES = "lanes"
 
 
 def scan(algorithm: Algorithm, state: PyTree, hparams: HParams, data: PyTree, length: int) -> tuple[PyTree, Metrics]:
-    """`length` iterations of one lane; metrics `[length]`."""
+    """Runs `length` iterations of one lane; returns the state and metrics `[length]`."""
     return jax.lax.scan(lambda state, _: algorithm.step(state, hparams, data), state, length=length)
 
 
 class Lanes:
-    """Independent runs of one algorithm, trained side by side: seeds, hyperparameters, rewards.
+    """Independent runs (lanes) of one algorithm, trained side by side: seeds, hyperparameters, rewards.
 
-    A lane is a row of every leaf of `state`, `hparams` and, if `data_per_lane`, of `data`. Lanes never talk to each
-    other, so they are split evenly over the devices; where they do not divide, the last lane is repeated, and
-    its copies are dropped from every result.
+    A lane has one row in every leaf of `state`, of `hparams` and, with `data_per_lane`, of `data`. Lanes do not
+    exchange data, so they are split evenly over the devices. If the number of lanes is not a multiple of the number of
+    devices, copies of the last lane fill the gap; every result drops the copies.
 
     Args:
-      algorithm: what to train.
-      keys: `[lanes]` random keys, one a lane.
-      hparams: leaves are scalars (the same for every lane) or `[lanes]`.
-      data: what the algorithm learns from.
+      algorithm: the algorithm to train.
+      keys: one random key for each lane, for example `jax.random.split(jax.random.key(0), 5)` for 5 lanes.
+      hparams: every leaf is a scalar (the same value for every lane) or `[lanes]`.
+      data: what the algorithm learns from, see `Algorithm.step`.
       data_per_lane: whether the leaves of `data` have a lane axis.
-      devices: default, all of this process.
+      devices: the devices to use; by default, all devices of this process.
+
+    Raises:
+      InputError: if `keys` are not one key for each lane, or if a value of `hparams` is impossible.
     """
 
     def __init__(
@@ -46,6 +51,8 @@ class Lanes:
         data_per_lane: bool = False,
         devices: list | None = None,
     ):
+        check_hparams(hparams)
+        keys = raw_keys(keys)
         self.count = keys.shape[0]
         devices = (devices or jax.devices())[: self.count]
         self._algorithm = algorithm
@@ -64,11 +71,11 @@ class Lanes:
         self._keys = self.put(keys)
 
     def put(self, tree: PyTree) -> PyTree:
-        """Lays a pytree of `[lanes, ...]` out over the devices, padding included."""
+        """Distributes a pytree of `[lanes, ...]` over the devices, with copies of the last lane where needed."""
         return jax.tree.map(lambda x: jax.device_put(np.asarray(x)[self._rows], self._sharding), tree)
 
     def take(self, tree: PyTree) -> PyTree:
-        """Brings a pytree of lanes back as NumPy arrays `[lanes, ...]`, padding dropped."""
+        """Returns a distributed pytree as NumPy arrays `[lanes, ...]`, without the copies of the last lane."""
         return jax.tree.map(lambda x: np.asarray(x)[: self.count], tree)
 
     def init(self) -> PyTree:
@@ -76,7 +83,7 @@ class Lanes:
         return self._init(self._keys, self.hparams)
 
     def compile(self, state: PyTree, length: int) -> float:
-        """Compiles a chunk of `length` iterations; returns the seconds it took (0 if it was there)."""
+        """Compiles `length` iterations; returns the seconds that this took (0 if they were compiled before)."""
         if length in self._programs:
             return 0.0
         started = time.perf_counter()
@@ -91,16 +98,32 @@ class Lanes:
         return time.perf_counter() - started
 
     def run(self, state: PyTree, length: int) -> tuple[PyTree, Metrics]:
-        """`length` iterations of every lane. The state given is consumed.
+        """Runs `length` iterations of every lane. The memory of `state` is reused: do not use `state` afterwards.
 
         Returns:
-          The state afterwards, and metrics as NumPy arrays `[lanes, length]`.
+          The state after the iterations, and the metrics as NumPy arrays `[lanes, length]`.
         """
         self.compile(state, length)
         state, metrics = self._programs[length](state, self.hparams, self.data)
         return state, self.take(metrics)
 
     def _spread(self, function: Callable, in_specs) -> Callable:
-        return jax.shard_map(
-            function, mesh=self._mesh, in_specs=in_specs, out_specs=self._lane_spec, check_vma=False
-        )  # fmt: skip
+        return jax.shard_map(function, mesh=self._mesh, in_specs=in_specs, out_specs=self._lane_spec, check_vma=False)
+
+
+def raw_keys(keys: Key) -> jax.Array:
+    """Random keys as old-style keys `[lanes, key size]`; `keys` are `[lanes]` of `jax.random.key`, or old-style keys.
+
+    Raises:
+      InputError: if `keys` are not one key for each lane.
+    """
+    if jnp.issubdtype(keys.dtype, jax.dtypes.prng_key):
+        keys = jax.random.key_data(keys)
+    one_key = jax.eval_shape(jax.random.PRNGKey, 0)
+    if keys.ndim != 2 or keys.shape[0] == 0 or keys.shape[1:] != one_key.shape or keys.dtype != one_key.dtype:
+        raise InputError(
+            f"keys have shape {keys.shape} and dtype {keys.dtype}: expected one random key for each lane, "
+            f"[lanes, {one_key.shape[0]}] of {one_key.dtype}; split the key, for example "
+            "jax.random.split(jax.random.key(0), 5) for 5 lanes"
+        )
+    return keys

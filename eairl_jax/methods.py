@@ -1,7 +1,8 @@
-"""How the adversarial methods differ: a row each.
+"""How the adversarial methods differ: one `Method` for each.
 
-Every method gives one number a transition, `logit = log D - log(1 - D)`, high for the expert. The discriminator's
-loss is binary cross-entropy on it, or on its sum over a trajectory; the policy's reward is a function of it.
+Every method computes one number for each transition, `logit = log D - log(1 - D)`, which is high for the expert. The
+discriminator's loss is the binary cross-entropy of the logit, or of its sum over a trajectory. The policy's reward is a
+function of the logit.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from eairl_jax.config import METHOD_DEFAULTS, Config, choose
 
 
 def airl_logit(f: jax.Array, log_prob: jax.Array) -> jax.Array:
-    """`logit = f - log pi`, since `D = exp f / (exp f + pi)` (Eq. 9): D / (1 - D) = exp f / pi."""
+    """`logit = f - log pi`, of any shape. `D = exp f / (exp f + pi)` (Eq. 9) gives `D / (1 - D) = exp f / pi`."""
     return f - log_prob
 
 
 def gail_logit(f: jax.Array, _log_prob: jax.Array) -> jax.Array:
-    """`logit = g(s,a)`: GAIL's discriminator is a plain classifier (Ho and Ermon 2016)."""
+    """`logit = g(s,a)`, of any shape: GAIL's discriminator is a plain classifier (Ho and Ermon 2016)."""
     return f
 
 
@@ -31,7 +32,7 @@ def log_d_ratio(logit: jax.Array) -> jax.Array:
 
 
 def neg_log_one_minus_d(logit: jax.Array) -> jax.Array:
-    """`-log(1 - D)`: the policy's reward in GAIL, always positive."""
+    """`-log(1 - D)`: the policy's reward in GAIL, always positive (Ho and Ermon 2016)."""
     return jax.nn.softplus(logit)
 
 
@@ -39,22 +40,20 @@ def neg_log_one_minus_d(logit: jax.Array) -> jax.Array:
 class Method:
     """One adversarial method.
 
-    The fields after `policy_reward` are what "default" means in the `Config` fields of the same names; theirs is the
-    documentation. Their defaults here are the paper's EAIRL, `reward_form` apart.
-
-    Attributes:
-      summary: a line for the help text.
-      logit_expert_high: `(f, log_prob) -> logit`, a transition.
-      policy_reward: `logit -> reward` that the policy is trained on.
-      empowerment: whether l_I regularises the policy, so that q and Phi are trained even if they shape nothing.
+    The fields after `empowerment`, and `reward_form` and `shaping`, are the values that "default" stands for in the
+    `Config` fields of the same names, where they are documented.
     """
 
     summary: str
+    """One line for the help text."""
     logit_expert_high: Callable[[jax.Array, jax.Array], jax.Array]
+    """`(f, log pi(a|s)) -> logit` of transitions, all of one shape."""
     policy_reward: Callable[[jax.Array], jax.Array]
+    """`logit -> reward` that the policy is trained on."""
     reward_form: str
     shaping: str
     empowerment: bool = False
+    """Whether l_I regularises the policy. q and Phi are then trained even if Phi does not shape the reward."""
     discriminates: str = "transitions"
     shaping_discount: str = "gamma"
     policy_phi: str = "target"
@@ -66,43 +65,85 @@ class Method:
 
 
 METHODS: dict[str, Method] = {
-    "eairl": Method("reward r(s,a) shaped by empowerment (Qureshi et al. 2019)",
-                    airl_logit, log_d_ratio, "sa", "empowerment", empowerment=True),
-    "eairl_release": Method("EAIRL as its authors released it, where that differs from their paper",
-                            airl_logit, log_d_ratio, "sa", "empowerment", empowerment=True, shaping_discount="one",
-                            policy_phi="online", history="paths", update_order="discriminator_first",
-                            l_i_actions="resampled", inverse_loss="mse", policy_activation="tanh"),
-    "airl_sa": Method("reward r(s,a) with learned shaping", airl_logit, log_d_ratio, "sa", "learned"),
-    "airl_s": Method("reward r(s) with learned shaping (Fu et al. 2018)", airl_logit, log_d_ratio, "s", "learned"),
-    "gail": Method("a classifier of (s,a) (Ho and Ermon 2016)", gail_logit, neg_log_one_minus_d, "sa", "none"),
-    # D = exp f(tau) / (exp f(tau) + pi(tau)), whose 1/Z is the bias of f; the policy's -log(1 - D) + log D is
-    # f(tau) - log pi(tau), a sum over the trajectory and so a reward a transition.
-    "gan_gcl": Method("a discriminator of whole trajectories (Finn et al. 2016)",
-                      airl_logit, log_d_ratio, "sa", "none", discriminates="trajectories"),
-}  # fmt: skip
+    "eairl": Method(
+        summary="reward r(s,a) shaped by empowerment (Qureshi et al. 2019)",
+        logit_expert_high=airl_logit,
+        policy_reward=log_d_ratio,
+        reward_form="sa",
+        shaping="empowerment",
+        empowerment=True,
+    ),
+    "eairl_release": Method(
+        summary="EAIRL as its authors released it, where that differs from their paper",
+        logit_expert_high=airl_logit,
+        policy_reward=log_d_ratio,
+        reward_form="sa",
+        shaping="empowerment",
+        empowerment=True,
+        shaping_discount="one",
+        policy_phi="online",
+        history="paths",
+        update_order="discriminator_first",
+        l_i_actions="resampled",
+        inverse_loss="mse",
+        policy_activation="tanh",
+    ),
+    "airl_sa": Method(
+        summary="reward r(s,a) with learned shaping",
+        logit_expert_high=airl_logit,
+        policy_reward=log_d_ratio,
+        reward_form="sa",
+        shaping="learned",
+    ),
+    "airl_s": Method(
+        summary="reward r(s) with learned shaping (Fu et al. 2018)",
+        logit_expert_high=airl_logit,
+        policy_reward=log_d_ratio,
+        reward_form="s",
+        shaping="learned",
+    ),
+    "gail": Method(
+        summary="a classifier of (s,a) (Ho and Ermon 2016)",
+        logit_expert_high=gail_logit,
+        policy_reward=neg_log_one_minus_d,
+        reward_form="sa",
+        shaping="none",
+    ),
+    # D = exp f(tau) / (exp f(tau) + pi(tau)); the bias of f learns 1/Z. The policy's reward of a trajectory,
+    # log D - log(1 - D) = f(tau) - log pi(tau), is a sum over the transitions: each transition has its part as reward.
+    "gan_gcl": Method(
+        summary="a discriminator of whole trajectories (Finn et al. 2016)",
+        logit_expert_high=airl_logit,
+        policy_reward=log_d_ratio,
+        reward_form="sa",
+        shaping="none",
+        discriminates="trajectories",
+    ),
+}
 
 
-def names() -> tuple[str, ...]:
-    """Every method: the rows, and behaviour cloning, which has no adversary and so no row but `bc.make_bc`."""
+def method_names() -> tuple[str, ...]:
+    """Every name that `Config.method` accepts: the keys of `METHODS`, and "bc", which is built by `bc.make_bc`."""
     return (*METHODS, "bc")
 
 
 def with_method_defaults(config: Config) -> Config:
-    """The configuration with every "default" replaced by the method's own.
+    """The configuration with the method's value in place of every "default".
 
     Raises:
-      InputError: for an unknown method.
+      InputError: if no adversarial method has the name `config.method`.
     """
     choose("method", config.method, METHODS)
-    row = METHODS[config.method]
-    own = {name: getattr(row, name) for name in METHOD_DEFAULTS if getattr(config, name) == "default"}
-    form = own.get("reward_form", config.reward_form)
-    if own.get("shaping") == "empowerment" and form == "separable":
-        # g(s) has to explain every action by itself, and Phi is too flat to help it: h carries the value, as in AIRL.
-        own["shaping"] = "both"
-    return dataclasses.replace(config, **own)
+    method = METHODS[config.method]
+    defaults = {name: getattr(method, name) for name in METHOD_DEFAULTS if getattr(config, name) == "default"}
+    reward_form = defaults.get("reward_form", config.reward_form)
+    if defaults.get("shaping") == "empowerment" and reward_form == "separable":
+        # Without h, g(s) alone would have to explain every action, and Phi is too flat to help. h carries the value
+        # function, as in AIRL.
+        defaults["shaping"] = "both"
+    return dataclasses.replace(config, **defaults)
 
 
 def uses_empowerment(config: Config) -> bool:
-    """Whether a resolved configuration trains q and Phi."""
+    """Whether a configuration without "default" values trains q and Phi."""
     return METHODS[config.method].empowerment or config.shaping in ("empowerment", "both")

@@ -1,9 +1,10 @@
-"""The networks, and the only file that imports flax.linen."""
+"""The networks. No other file imports flax.linen."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import flax.linen as nn
 import jax
@@ -16,7 +17,14 @@ ACTIVATIONS: dict[str, Callable] = {"relu": nn.relu, "tanh": nn.tanh}
 
 
 class MLP(nn.Module):
-    """Two-layer perceptrons and the like: `[..., in] -> [..., out]`."""
+    """A multilayer perceptron, `[..., in] -> [..., out]`, with orthogonal initial weights.
+
+    Attributes:
+      hidden: widths of the hidden layers.
+      out: width of the last layer, which is linear.
+      activation: a key of `ACTIVATIONS`.
+      out_scale: scale of the initial weights of the last layer.
+    """
 
     hidden: tuple[int, ...]
     out: int
@@ -31,7 +39,7 @@ class MLP(nn.Module):
 
 
 class Scalar(nn.Module):
-    """A potential, value or reward: `([..., in], ...) -> [...]`; several inputs are concatenated."""
+    """A potential, value or reward: `([..., in], ...) -> [...]`. Several inputs are concatenated."""
 
     hidden: tuple[int, ...]
     activation: str
@@ -42,7 +50,13 @@ class Scalar(nn.Module):
 
 
 class GaussianMLP(nn.Module):
-    """A Gaussian over actions given the inputs: the policy pi(a|s) and the inverse model q(a|s,s')."""
+    """A Gaussian over actions: the policy pi(a|s), or the inverse model q(a|s,s'). Several inputs are concatenated.
+
+    Attributes:
+      action_size: length of an action.
+      config: widths, activation and bounds of the std.
+      action_limit: the largest magnitude of an executed action; has an effect if `config.actions` is "clipped".
+    """
 
     action_size: int
     config: Config
@@ -52,8 +66,8 @@ class GaussianMLP(nn.Module):
     def __call__(self, *inputs) -> Gaussian:
         config, x = self.config, jnp.concatenate(inputs, axis=-1)
         outputs = 2 * self.action_size if config.state_dependent_std else self.action_size
-        # A small last layer: the first policy acts around 0 everywhere, whatever the observation's scale.
         activation = "relu" if config.policy_activation == "default" else config.policy_activation
+        # With small weights in the last layer the first policy acts around 0 at every state, at any scale of obs.
         out = MLP(config.policy_hidden, outputs, activation, out_scale=0.01)(x)
         if config.state_dependent_std:
             mean, raw = jnp.split(out, 2, axis=-1)
@@ -63,10 +77,11 @@ class GaussianMLP(nn.Module):
         return Censored(mean, log_std, self.action_limit) if config.actions == "clipped" else Gaussian(mean, log_std)
 
     def log_std(self, raw: jax.Array) -> jax.Array:
-        """`log_std_init` at 0, slope 1 there, never above `log_std_max` nor below `log_std_min`.
+        """Log std `[..., act]`: `log_std_init` at raw = 0, with slope 1, between `log_std_min` and `log_std_max`.
 
-        The upper bound matters where actions are those "sampled": what is executed is clipped, log pi is not, so an
-        adversarial reward pays a policy for entropy that costs it nothing, and an unbounded std runs away.
+        The upper bound is needed if `config.actions` is "sampled". The environment clips the action, but log pi is that
+        of the unclipped sample. An adversarial reward then pays for entropy that costs the policy nothing, and an
+        unbounded std grows for ever.
         """
         low, high, start = self.config.log_std_min, self.config.log_std_max, self.config.log_std_init
         part = (start - low) / (high - low)
@@ -74,11 +89,16 @@ class GaussianMLP(nn.Module):
         return low + (high - low) * jax.nn.sigmoid(steepness * raw + math.log(part / (1.0 - part)))
 
 
+def apply(net: nn.Module, params: Any, *inputs: jax.Array) -> Any:
+    """The output of a network: `[...]` of a `Scalar`, a `Gaussian` of a `GaussianMLP`."""
+    return net.apply(params, *inputs)
+
+
 def scalar(config: Config) -> Scalar:
-    """The potential functions and the reward (Appendix D.1)."""
+    """The network of the reward and of every potential (Appendix D.1)."""
     return Scalar(config.hidden, config.activation)
 
 
 def value(config: Config) -> Scalar:
-    """PPO's value function."""
+    """The network of the value function."""
     return Scalar(config.value_hidden, config.activation)

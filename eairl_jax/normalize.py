@@ -1,6 +1,8 @@
-"""Mean and variance of observations, as a pytree: saved with every policy and every reward."""
+"""Mean and variance of observations, a pytree that is saved with every policy and every reward."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +17,9 @@ class ObsStats:
     """Statistics of observations.
 
     Attributes:
-      mean, var: `[obs]`, in the observation's units and their square.
-      count: `[]` samples behind them; 0 for statistics that were declared, not measured.
+      mean: `[obs]`, in the units of the observation.
+      var: `[obs]`, in the squared units of the observation.
+      count: `[]` number of samples; 0 for statistics that the environment declares.
     """
 
     mean: jax.Array
@@ -27,17 +30,22 @@ class ObsStats:
 def initial(env: Env, mode: str) -> ObsStats:
     """Statistics before the first sample.
 
-    With mode "task" they are the scale of the task's whole state space, where the environment declares one. The
-    scale of a reward's input decides what the reward says of places that no demonstration visits: with the
-    demonstrations' own deviation, the other passage of the maze lies five sigma away.
+    With mode "task" they are the scale of the whole state space, if the environment declares it. The scale of the
+    observations decides how a reward extrapolates to places that no demonstration visits. With the standard deviation
+    of the demonstrations, the other passage of the maze would be five sigma away.
+
+    Args:
+      env: may declare `obs_mean` and `obs_std`.
+      mode: `Config.normalize_obs`.
 
     Raises:
-      InputError: if the environment's observations are not one flat vector.
+      InputError: if the environment's observations are not flat vectors.
     """
     size = flat_size(env)
     mean, var = jnp.zeros(size), jnp.ones(size)
     if mode == "task" and hasattr(env, "obs_mean"):
-        mean, var = jnp.asarray(env.obs_mean), jnp.asarray(env.obs_std) ** 2  # pyright: ignore
+        declared: Any = env
+        mean, var = jnp.asarray(declared.obs_mean), jnp.asarray(declared.obs_std) ** 2
     return ObsStats(mean, var, jnp.zeros(()))
 
 
@@ -45,16 +53,19 @@ def flat_size(env: Env) -> int:
     """The length of an environment's observations.
 
     Raises:
-      InputError: if they are not one flat vector.
+      InputError: if the observations are not flat vectors.
     """
     size = env.observation_size
     if not isinstance(size, int):
-        raise InputError(f"observation_size is {size!r}: eairl_jax needs flat vector observations; flatten them first")
+        raise InputError(
+            f"observation_size is {size!r}: expected a whole number, because eairl_jax needs flat vectors as "
+            "observations; flatten them in a wrapper of the environment"
+        )
     return size
 
 
 def normalize(stats: ObsStats, obs: jax.Array) -> jax.Array:
-    """Centres and scales observations `[..., obs]`; clipped at 10 deviations."""
+    """Centres and scales observations `[..., obs]`, and clips the result to [-10, 10]."""
     return jnp.clip((obs - stats.mean) * jax.lax.rsqrt(stats.var + 1e-8), -10.0, 10.0)
 
 

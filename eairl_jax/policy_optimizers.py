@@ -13,9 +13,9 @@ OPTIMIZERS = {"ppo": ppo, "trpo": trpo}
 
 
 def make_optimizer(env: Env, config: Config) -> PolicyOptimizer:
-    """The one that `config.optimizer` names, for policies that act in `env`.
+    """The optimiser that `config.optimizer` names, for policies that act in `env`.
 
     Raises:
-      InputError: for an environment without flat observations.
+      InputError: if the environment's observations are not flat vectors.
     """
     return OPTIMIZERS[config.optimizer](flat_size(env), env.action_size, config, action_limit(env))

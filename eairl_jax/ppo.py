@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 
 from eairl_jax import train_state
-from eairl_jax.actor_critic import Batch, ActorCritic, PolicyState, minibatches
+from eairl_jax.actor_critic import ActorCritic, Batch, PolicyState, minibatches
 from eairl_jax.config import Config
 from eairl_jax.types import PolicyOptimizer
 
 
 def ppo(obs_size: int, action_size: int, config: Config, action_limit: float = 1.0) -> PolicyOptimizer:
-    """PPO with a clipped objective, policy and value function in one loss."""
+    """PPO with a clipped objective; one loss contains the policy and the value function."""
     nets = ActorCritic.build(action_size, config, action_limit)
 
     def loss(params, log_std_offset, minibatch: Batch, penalty, hparams):
@@ -30,21 +32,21 @@ def ppo(obs_size: int, action_size: int, config: Config, action_limit: float = 1
     def update(key, policy: PolicyState, batch, penalty, penalty_data, hparams):
         before = nets.distribution(policy, batch.obs)
         policy, prepared, explained = nets.prepare(policy, batch, penalty_data, hparams)
-        samples, rows = minibatches(key, prepared, config)
+        samples, indices = minibatches(key, prepared, config)
 
-        def step(fitted, index):
+        def step(state, index):
             minibatch = jax.tree.map(lambda x: x[index], samples)
             gradient, metrics = jax.grad(loss, has_aux=True)(
-                fitted.params, policy.log_std_offset, minibatch, penalty, hparams
+                state.params, policy.log_std_offset, minibatch, penalty, hparams
             )
             gradient = train_state.clip_norm(gradient, hparams.max_grad_norm)
-            return train_state.descend(fitted, gradient, hparams.policy_lr), metrics
+            return train_state.adam_step(state, gradient, hparams.policy_lr), metrics
 
-        fitted, metrics = jax.lax.scan(step, policy.nets, rows)
-        policy = policy.replace(nets=fitted)  # pyright: ignore
+        state, metrics = jax.lax.scan(step, policy.nets, indices)
+        policy = dataclasses.replace(policy, nets=state)
         metrics = jax.tree.map(lambda m: m.mean(), metrics)
         kl = before.kl(nets.distribution(policy, batch.obs)).mean()
-        policy = policy.replace(log_std_offset=jnp.log(hparams.std_final_fraction))
+        policy = dataclasses.replace(policy, log_std_offset=jnp.log(hparams.std_final_fraction))
         return policy, metrics | {"kl": kl, "explained_variance": explained}
 
     return PolicyOptimizer(lambda key: nets.init(key, obs_size), update, nets.distribution)

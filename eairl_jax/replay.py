@@ -1,4 +1,4 @@
-"""The policy's samples of past iterations, which the discriminator keeps seeing (Appendix D.2)."""
+"""The policy's samples of past iterations, which the discriminator continues to see (Appendix D.2)."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from eairl_jax import train_state
 from eairl_jax.config import Config
 from eairl_jax.types import Key, Transition
 
-# Paths that the pool of the authors' release holds.
+# Paths in the pool of the authors' release.
 POOL_PATHS = 100
 
 
 @struct.dataclass
 class Replay:
-    """Past iterations' transitions: a ring of the last ones, or ("all") a sample of every one.
+    """Transitions of past iterations: a ring of the last iterations, or (history "all") a sample of all iterations.
 
     Attributes:
-      transitions: every leaf `[slots, T, N, ...]`.
-      added: `[]` iterations added since the beginning.
+      transitions: every leaf `[slots, T, N, ...]`, one slot for each stored iteration.
+      added: `[]` number of iterations that have been added so far.
     """
 
     transitions: Transition
@@ -28,7 +28,10 @@ class Replay:
 
 
 def empty(obs_size: int, action_size: int, config: Config) -> Replay:
-    """A ring for the current iteration and the `history_length` before it, or for the pool that `paths` names."""
+    """A replay without samples.
+
+    The number of slots is `history_length` + 1; with history "paths" it is the number that holds the release's pool.
+    """
     slots, envs = config.history_length + 1, config.num_envs
     if config.history == "paths":
         envs = max(1, config.num_envs // 2)  # half of each batch
@@ -39,33 +42,45 @@ def empty(obs_size: int, action_size: int, config: Config) -> Replay:
 
 
 def add(key: Key, replay: Replay, transition: Transition, config: Config) -> Replay:
-    """Puts one iteration's transitions `[T, N, ...]` (as many environments as the ring has) in the oldest's place.
+    """Adds the transitions `[T, N, ...]` of one iteration; of N environments, as many as a slot has.
 
-    In a sample of all, in that of any, or nowhere, so that each iteration is as likely as any other to be there
-    (reservoir sampling, Vitter 1985).
+    They replace the oldest. With history "all" they replace a random iteration, or are not stored, so that every
+    iteration is stored with equal probability (reservoir sampling, Vitter 1985).
     """
     slots, _, envs = replay.transitions.reward.shape
     slot = replay.added % slots
     if config.history == "all":
         drawn = jax.random.randint(key, (), 0, replay.added + 1)
         slot = jnp.where(replay.added < slots, replay.added, drawn)
-    kept = jax.tree.map(lambda ring, new: ring.at[slot].set(new[:, :envs], mode="drop"), replay.transitions, transition)
-    return Replay(kept, replay.added + 1)
+    stored = jax.tree.map(
+        lambda ring, new: ring.at[slot].set(new[:, :envs], mode="drop"), replay.transitions, transition
+    )
+    return Replay(stored, replay.added + 1)
 
 
-def draw(key: Key, replay: Replay, current: Transition, updates: int, batch: int, length: int, config: Config):
-    """Draws `[updates, batch, length, ...]`: segments of `length` steps of the policy, old and new.
+def draw_segments(
+    key: Key, replay: Replay, current: Transition, shape: tuple[int, int, int], config: Config
+) -> Transition:
+    """Draws segments of consecutive steps of the policy.
 
-    From the ring evenly, the current iteration being a part of it; or, with `config.history` "paths" or "all", half
-    from the ring and half from the current iteration, `[T, N, ...]`.
+    With history "iterations" all segments come evenly from the replay, which contains the current iteration. With
+    "paths" or "all" one half comes from the replay and the other half from the current iteration.
+
+    Args:
+      current: `[T, N, ...]` the transitions of the current iteration.
+      shape: `(updates, batch, length)`; `length` is the number of steps in a segment.
+
+    Returns:
+      `[updates, batch, length, ...]`.
     """
+    updates, batch, length = shape
     slots, steps, num_envs = replay.transitions.reward.shape
     filled = jnp.minimum(replay.added, slots) * (steps // length) * num_envs
     index = jax.random.randint(key, (updates, batch), 0, filled)
-    drawn = train_state.rows(replay.transitions, 3, train_state.segment(index, length, num_envs))
+    past = train_state.take_samples(replay.transitions, 3, train_state.segment_indices(index, length, num_envs))
     if config.history == "iterations":
-        return drawn
-    now = jax.random.randint(jax.random.fold_in(key, 1), (updates, batch), 0, steps // length * config.num_envs)
-    new = train_state.rows(current, 2, train_state.segment(now, length, config.num_envs))
+        return past
+    index = jax.random.randint(jax.random.fold_in(key, 1), (updates, batch), 0, steps // length * config.num_envs)
+    new = train_state.take_samples(current, 2, train_state.segment_indices(index, length, config.num_envs))
     half = batch // 2
-    return jax.tree.map(lambda old, new: jnp.concatenate([old[:, :half], new[:, half:]], axis=1), drawn, new)
+    return jax.tree.map(lambda past, new: jnp.concatenate([past[:, :half], new[:, half:]], axis=1), past, new)

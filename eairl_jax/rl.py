@@ -1,4 +1,4 @@
-"""Reinforcement learning on a reward: the environment's own (an expert) or a learned one (transfer)."""
+"""Reinforcement learning on a fixed reward: the environment's reward (an expert) or a learned reward (transfer)."""
 
 from __future__ import annotations
 
@@ -12,48 +12,55 @@ from eairl_jax.config import Config
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.types import Algorithm, Env, HParams, Key, PyTree, Transition, no_penalty
 
+# (data, raw transitions [T, N, ...]) -> reward [T, N]
+Reward = Callable[[PyTree, Transition], jax.Array]
+
 
 @struct.dataclass
 class RLState:
-    """A run between two iterations."""
+    """The whole state of a run between two iterations.
+
+    Attributes:
+      key: source of all randomness.
+      agent: the policy, its environments and the normaliser.
+    """
 
     key: Key
     agent: agent.Agent
 
 
 def true_reward(_data: PyTree, batch: Transition) -> jax.Array:
-    """The environment's own reward `[T, N]`."""
+    """The environment's reward `[T, N]`."""
     return batch.reward
 
 
-def make_rl(
-    env: Env, config: Config, reward: Callable[[PyTree, Transition], jax.Array] = true_reward
-) -> Algorithm:  # fmt: skip
-    """Builds PPO or TRPO on `reward(data, raw transitions [T, N, ...]) -> [T, N]`; `data` is what `step` is given.
+def make_rl(env: Env, config: Config, reward: Reward = true_reward) -> Algorithm:
+    """Builds PPO or TRPO (`config.optimizer`) on a reward. The metric `true_return` is about the environment's reward.
 
-    The metric `true_return` is the environment's own, whatever the reward.
+    Args:
+      reward: `(data, raw transitions [T, N, ...]) -> reward [T, N]`; `data` is the `data` of `step`.
 
     Raises:
-      InputError: for an environment without flat observations.
+      InputError: if the environment's observations are not flat vectors.
     """
     optimizer = make_optimizer(env, config)
 
     def init(key: Key, hparams: HParams) -> RLState:
-        del hparams  # no rate is part of the state
-        key, actor_key = jax.random.split(key)
-        return RLState(key, agent.init(actor_key, env, optimizer, config))
+        del hparams  # no rate is a part of the state
+        key, agent_key = jax.random.split(key)
+        return RLState(key, agent.init(agent_key, env, optimizer, config))
 
     def step(state: RLState, hparams: HParams, data: PyTree):
         hparams = hparams.at(agent.progress(state.agent, config))
         key, rollout_key, update_key = jax.random.split(state.key, 3)
         acting, raw = agent.collect(rollout_key, state.agent, env, optimizer, config)
-        given = reward(data, raw)
-        batch = agent.normalized(acting, raw)._replace(reward=given - hparams.temperature * raw.log_prob)
+        rewards = reward(data, raw)
+        batch = agent.normalize_obs(acting, raw)._replace(reward=rewards - hparams.temperature * raw.log_prob)
         policy, metrics = optimizer.update(update_key, acting.policy, batch, no_penalty, (), hparams)
-        metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": given.mean()}
-        return RLState(key, agent.finish(acting, policy, raw, config)), metrics
+        metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": rewards.mean()}
+        return RLState(key, agent.end_iteration(acting, policy, raw, config)), metrics
 
     def act(state: RLState, obs, key=None):
-        return agent.sample(state.agent, obs, key, optimizer)
+        return agent.sample_action(state.agent, obs, key, optimizer)
 
     return Algorithm(init, step, act)

@@ -1,4 +1,4 @@
-"""Vectorised steps with a time limit and an auto-reset that keeps the true next observation."""
+"""Steps of parallel environments with a time limit and an auto-reset that preserves the true next observation."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ class RolloutState:
     """N environments between two rollouts.
 
     Attributes:
-      env: the environments' states, every leaf `[N, ...]`.
-      steps: `[N]` steps taken in the current episode.
-      episode_return: `[N]` true return so far in the current episode; NaN in a first one that began late.
-      mean_return: `[]` mean true return of the episodes that ended in the last rollout in which any did; NaN before.
+      env: the states of the environments, every leaf `[N, ...]`.
+      steps: `[N]` steps in the current episode so far.
+      episode_return: `[N]` true return in the current episode so far; NaN in a first episode that began late.
+      mean_return: `[]` mean true return of the episodes that ended in the last rollout in which any episode ended; NaN
+        before the first such rollout.
     """
 
     env: PyTree
@@ -30,11 +31,11 @@ class RolloutState:
 
 
 def reset(key: Key, env: Env, num_envs: int, length: int, episode_length: int) -> RolloutState:
-    """Starts an episode in each of `num_envs` environments, and counts some of them as `length`, 2 `length`, ... old.
+    """Starts an episode in each of `num_envs` environments, at different times of the time limit.
 
-    Where nothing ends early, environments that start together would stay together: with rollouts of a tenth of an
-    episode every batch would hold one tenth of it, the start only every tenth time. Returns of episodes that began
-    late are not counted.
+    The environments begin at step 0, `length`, 2 `length`, ... of their first episode, by turns. If all began at step 0
+    and no episode ended early, every batch would contain the same part of all episodes: with rollouts of a tenth of an
+    episode, only every tenth batch would contain the start. The returns of episodes that began late are not counted.
     """
     states = jax.vmap(env.reset)(jax.random.split(key, num_envs))
     steps = length * (jnp.arange(num_envs, dtype=jnp.int32) % max(1, episode_length // length))
@@ -43,7 +44,7 @@ def reset(key: Key, env: Env, num_envs: int, length: int, episode_length: int) -
 
 
 def action_limit(env: Env) -> float:
-    """The largest magnitude of an executed action: the environment's own, or brax's 1."""
+    """The largest magnitude of an executed action: `env.action_limit`, or 1 (brax's convention)."""
     return getattr(env, "action_limit", 1.0)
 
 
@@ -57,19 +58,20 @@ def rollout(
 ) -> tuple[RolloutState, Transition]:
     """Runs the policy for `length` steps in every environment.
 
-    An environment that ends is started again in the same step. The states it may start from are drawn once a
-    rollout, N fresh ones, and each restart picks one at random: the environment's `reset`, which in many brax tasks
-    is as dear as a physics step, is compiled and run once and not at every step.
+    An environment whose episode ends starts again in the same step, from one of N initial states that are drawn once in
+    a rollout. `reset` is as expensive as a physics step in many brax tasks; it is compiled and run once, and not at
+    every step.
 
     Args:
       policy: maps raw observations `[N, obs]` to a Gaussian over actions `[N, act]`.
+      episode_length: the time limit, in steps.
 
     Returns:
-      The environments afterwards, and the transitions `[length, N, ...]`.
+      The environments after the rollout, and the transitions `[length, N, ...]`.
     """
     num_envs = state.steps.shape[0]
     reset_key, noise_key, pick_key = jax.random.split(key, 3)
-    fresh = jax.vmap(env.reset)(jax.random.split(reset_key, num_envs))
+    initial_states = jax.vmap(env.reset)(jax.random.split(reset_key, num_envs))
     noise = jax.random.normal(noise_key, (length, num_envs, env.action_size))
     picks = jax.random.randint(pick_key, (length, num_envs), 0, num_envs)
     limit = action_limit(env)
@@ -86,7 +88,7 @@ def rollout(
         truncated = (steps >= episode_length) * (1.0 - terminated)
         transition = Transition(obs, action, pi.log_prob(action), stepped.obs, stepped.reward, terminated, truncated)
         ended = (terminated + truncated) > 0
-        env_state = jax.tree.map(lambda new, old: _where(ended, new[picks_t], old), fresh, stepped)
+        env_state = jax.tree.map(lambda new, old: _where(ended, new[picks_t], old), initial_states, stepped)
         carry = env_state, jnp.where(ended, 0, steps), jnp.where(ended, 0.0, episode_return)
         return carry, (transition, ended, episode_return)
 
@@ -101,4 +103,5 @@ def rollout(
 
 
 def _where(ended: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:
+    """`new` for the environments `[N]` that ended, else `old`; both `[N, ...]`."""
     return jnp.where(ended.reshape(ended.shape + (1,) * (old.ndim - 1)), new, old)

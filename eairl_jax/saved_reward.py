@@ -1,4 +1,4 @@
-"""A learned reward as an artefact: save it, load it, call it on any observation and action."""
+"""A learned reward on disk: save it, load it, and call it on any observation and action."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+from flax.traverse_util import unflatten_dict
 
 from eairl_jax import irl, storage
 from eairl_jax.config import Config
@@ -17,11 +18,11 @@ KIND = "eairl_jax reward"
 
 
 class LearnedReward:
-    """A reward r(s, a) that was learned from demonstrations: higher is better, one for each seed of its run.
+    """A reward r(s, a) that was learned from demonstrations: one function for each seed of a run. Higher is better.
 
     Attributes:
-      description: task, sizes, method, reward form, the iteration and the seed of each row, settings.
-      config: the static settings that it was trained with.
+      description: task, sizes, method, reward form, the seed and the iteration of each function, settings.
+      config: the static settings of the run.
       params: `irl.RewardParams`, every leaf `[seeds, ...]`.
     """
 
@@ -30,33 +31,43 @@ class LearnedReward:
         self._function = irl.reward_function(config)
 
     def __call__(self, obs: jax.Array, action: jax.Array, seed: int = 0) -> jax.Array:
-        """Rewards `[...]` of raw observations `[..., obs]` and actions `[..., act]`, by the given row.
+        """Rewards `[...]` of raw observations `[..., obs]` and actions `[..., act]`.
 
-        Where `config.actions` is "clipped", give actions as they were executed, within their bounds.
+        If `config.actions` is "clipped", the actions must lie within their bounds, as executed.
+
+        Args:
+          seed: the position of the seed in the run, from 0; not the seed itself.
 
         Raises:
-          InputError: if the last axes are not the sizes that the reward was trained with.
+          InputError: if the sizes are not those of the reward, or if the run had fewer seeds.
         """
         obs, action = jnp.asarray(obs), jnp.asarray(action)
         self.check_sizes(obs.shape[-1], action.shape[-1], "this call")
-        rows = jax.tree.leaves(self.params)[0].shape[0]
-        if not -rows <= seed < rows:
-            raise InputError(f"this reward has {rows} rows, one a seed of its run: there is no row {seed}")
+        seeds = jax.tree.leaves(self.params)[0].shape[0]
+        if not -seeds <= seed < seeds:
+            raise InputError(f"seed = {seed}: the run of this reward had {seeds} seeds; expected 0 to {seeds - 1}")
         return self._function(jax.tree.map(lambda leaf: jnp.asarray(leaf)[seed], self.params), obs, action)
 
     def check_sizes(self, obs_size: int, action_size: int, where: str) -> None:
-        """Raises `InputError` unless the reward's observations and actions have these sizes."""
+        """Checks that observations and actions have the sizes of the reward.
+
+        Args:
+          where: the origin of the sizes, for the error message.
+
+        Raises:
+          InputError: if a size differs.
+        """
         sizes = self.description["obs_size"], self.description["action_size"]
         if sizes != (obs_size, action_size):
             raise InputError(
-                f"this reward was learned on {self.description['task']} (observations of {sizes[0]}, actions of "
-                f"{sizes[1]}), but {where} has observations of {obs_size} and actions of {action_size}: "
-                "a reward is only reusable on a task of the same sizes"
+                f"this reward was learned on {self.description['task']} (observations of length {sizes[0]}, actions of "
+                f"length {sizes[1]}), but {where} has observations of length {obs_size} and actions of length "
+                f"{action_size}: use the reward on a task with the same lengths"
             )
 
 
 def save_reward(directory: Path | str, reward: LearnedReward) -> None:
-    """Writes `reward.npz` and `reward.json` into a folder."""
+    """Writes `reward.npz` and `reward.json` into a folder, which is created."""
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     storage.write_arrays(directory / "reward.npz", storage.named_leaves(reward.params))
@@ -68,36 +79,50 @@ def load_reward(directory: Path | str, obs_size: int | None = None, action_size:
     """Reads a learned reward.
 
     Args:
-      directory: a folder that `save_reward` wrote (a run's `reward/`).
-      obs_size, action_size: if given, the sizes of the task that it is meant for.
+      directory: a folder that `save_reward` has written (`reward/` of a run).
+      obs_size: length of the observations of the task where the reward will be used, if not None.
+      action_size: length of the actions of that task, if not None.
 
     Raises:
-      InputError: if the folder holds no whole reward, or one of other sizes.
+      InputError: if the folder does not hold a complete reward, or if the reward has other sizes.
     """
     directory = Path(directory)
     if not (directory / "reward.json").is_file():
-        raise InputError(f"{directory} holds no reward.json: give the reward/ folder of a finished run")
-    description = storage.read_json(directory / "reward.json")
+        raise InputError(f"{directory} holds no reward.json: use the reward/ folder of a finished run")
+    description, config = _read_description(directory / "reward.json")
+    params = _read_params(directory / "reward.npz")
+    reward = LearnedReward(description, config, params)
+    counts = {leaf.shape[0] for leaf in jax.tree.leaves(params)}
+    if counts != {len(description["seeds"])}:
+        raise InputError(
+            f"{directory}: reward.json names {len(description['seeds'])} seeds, but reward.npz holds {sorted(counts)}: "
+            "save the reward again"
+        )
+    sizes = description["obs_size"], description["action_size"]
+    expected = sizes[0] if obs_size is None else obs_size, sizes[1] if action_size is None else action_size
+    reward.check_sizes(*expected, "the task where you use the reward")
+    return reward
+
+
+def _read_description(path: Path) -> tuple[dict, Config]:
+    description = storage.read_json(path)
     if description.pop("kind", None) != KIND:
-        raise InputError(f"{directory / 'reward.json'} does not describe a learned reward")
+        raise InputError(f"{path} does not describe a learned reward: use the reward/ folder of a finished run")
     missing = {"task", "obs_size", "action_size", "seeds", "config"} - set(description)
     if missing:
-        raise InputError(f"{directory / 'reward.json'} lacks {', '.join(sorted(missing))}: save the reward anew")
+        raise InputError(f"{path} lacks {', '.join(sorted(missing))}: save the reward again")
     settings = description.pop("config")
     unknown = set(settings) - {field.name for field in dataclasses.fields(Config)}
     if unknown:
-        raise InputError(f"{directory / 'reward.json'} has settings that this version does not know: {unknown}")
-    tree = storage.nested(storage.read_arrays(directory / "reward.npz"))
-    if "params" not in tree or set(tree.get("obs_stats", ())) != {"mean", "var", "count"}:
-        raise InputError(f"{directory / 'reward.npz'} does not hold a reward and its normaliser: save it anew")
-    params = irl.RewardParams(tree["params"], ObsStats(**tree["obs_stats"]))
-    reward = LearnedReward(description, Config.from_json(settings), params)
-    rows = {leaf.shape[0] for leaf in jax.tree.leaves(params)}
-    if rows != {len(description.get("seeds", ()))}:
         raise InputError(
-            f"{directory} describes {len(description.get('seeds', ()))} seeds, but holds rows for {rows}: save it anew"
+            f"{path} has settings that this version does not have: {', '.join(sorted(unknown))}; use the version that "
+            "saved the reward, or learn the reward again"
         )
-    own = description["obs_size"], description["action_size"]
-    meant = (own[0] if obs_size is None else obs_size, own[1] if action_size is None else action_size)
-    reward.check_sizes(*meant, "the task that you want to use it on")
-    return reward
+    return description, Config.from_json(settings)
+
+
+def _read_params(path: Path) -> irl.RewardParams:
+    tree = unflatten_dict(storage.read_arrays(path), sep="/")
+    if "params" not in tree or set(tree.get("obs_stats", ())) != {"mean", "var", "count"}:
+        raise InputError(f"{path} does not hold a reward and its normaliser: save the reward again")
+    return irl.RewardParams(tree["params"], ObsStats(**tree["obs_stats"]))

@@ -1,4 +1,4 @@
-"""Tasks as MJX models behind brax's `Env`/`State` interface. Nothing here knows an algorithm.
+"""The tasks: MuJoCo models simulated by MJX, behind the interface of `brax.envs.Env`. Nothing here knows an algorithm.
 
 env = envs.make("pendulum")
 state = env.reset(jax.random.PRNGKey(0))

@@ -8,14 +8,14 @@ import jax.numpy as jnp
 import mujoco
 
 from eairl_jax.envs.locomotion import Locomotion
-from eairl_jax.envs.mjx_task import Camera, TaskError
+from eairl_jax.envs.mjx_task import Camera, GymnasiumTask, TaskError
 
-# Gymnasium's names, and the quarter of the plane (signs of x and y) in which each leg stands. Joints `hip_1` and
-# `ankle_1` are the first leg's.
+# Gymnasium's names of the legs, and the signs of x and y of each foot. The first leg has the joints `hip_1` and
+# `ankle_1`, and so on.
 LEGS = {"front_left_leg": (1, 1), "front_right_leg": (-1, 1), "back_leg": (-1, -1), "right_back_leg": (1, -1)}
-# The motors' order is Gymnasium's too: it starts with the last leg.
+# Gymnasium's order of the motors, which starts with the last leg.
 MOTORS = [f"{joint}_{leg}" for leg in (4, 1, 2, 3) for joint in ("hip", "ankle")]
-GEAR = 30.0  # N m; Gymnasium's 150 throw the ant on its back
+GEAR = 30.0  # N m; with Gymnasium's 150 N m the ant throws itself on its back
 
 MJCF = """
 <mujoco>
@@ -40,8 +40,8 @@ MJCF = """
 </mujoco>
 """
 
-# Each leg is three capsules in a row: one fixed to the torso, one that the hip swings sideways, one that the ankle
-# lifts.
+# Each leg is a chain of three capsules: the first is fixed to the torso, the hip turns the second sideways, and the
+# ankle lifts the third.
 LEG = """
 <body name="{name}">
   <geom name="{name}" fromto="0 0 0 {x} {y} 0"/>
@@ -58,7 +58,7 @@ LEG = """
 
 
 def ant_spec() -> mujoco.MjSpec:
-    """The sound ant, with the settings of the C engine."""
+    """The model of the ant with four sound legs, with the integrator of Gymnasium's model."""
     legs = [
         LEG.format(
             name=name,
@@ -77,7 +77,7 @@ def ant_spec() -> mujoco.MjSpec:
 
 
 def cripple(spec: mujoco.MjSpec, leg: str, length: float, gear: float) -> None:
-    """Shortens the two segments of a leg that move to `length` times theirs, and weakens their motors to `gear`."""
+    """Makes the two moving segments of a leg `length` times as long and sets the gear of their motors (N m)."""
     number = list(LEGS).index(leg) + 1
     for segment in ("thigh", "shin"):
         geom = spec.geom(f"{segment}_{number}")
@@ -89,7 +89,7 @@ def cripple(spec: mujoco.MjSpec, leg: str, length: float, gear: float) -> None:
 
 
 class Ant(Locomotion):
-    """Gymnasium's Ant-v5 with motors of 30 N m, no bonus for being alive and no early end; legs may be crippled.
+    """Gymnasium's Ant-v5 with motors of 30 N m, no reward for being alive and no early end; legs may be crippled.
 
     Observation (27):
 
@@ -137,33 +137,50 @@ class Ant(Locomotion):
     | 7     | torque at ankle_3 | 30 N m | [-1, 1] |
 
     Reward: `forward velocity - 0.01 |action|^2 - (1 while the torso is below 0.2 m)`, the velocity being the torso's
-    displacement along x over the time of the step (m/s), the height that after it.
+    displacement along x over the time of the step (m/s), and the height being the height after the step.
 
-    A leg is named as in Gymnasium. Seen from above, its foot points to the x and y whose signs are in `LEGS`:
-    front_left_leg (joints hip_1, ankle_1), front_right_leg (2), back_leg (3), right_back_leg (4). The crippled ant of
-    the reward-transfer experiments has the two on the -y side crippled; y -> -y is a symmetry of body and reward, so
-    the two on the other side make the same task. Actions keep their order, whichever legs are crippled.
+    Start: positions uniform within 0.1 (m, rad) of the model's, the quaternion then normalised; velocities normal with
+    std 0.1 (m/s, rad/s).
+
+    End: none before the time limit of 500 steps of 0.05 s.
+
+    Differences from Gymnasium: motors of 30 N m instead of 150; control cost 0.01 instead of 0.5; no contact cost and
+    no contact forces in the observation; 500 steps instead of 1000; a low torso costs 1 and does not end the episode;
+    no reward for being alive. Gymnasium reads the x of the torso one physics step late; this task does not.
+
+    The legs have Gymnasium's names. The signs of x and y of each foot are in `LEGS`: front_left_leg (joints hip_1 and
+    ankle_1), front_right_leg (2), back_leg (3), right_back_leg (4). In the crippled ant of the reward-transfer
+    experiments the two legs on the side of -y are crippled. Body and reward are symmetric in y, so crippling the two
+    legs of the other side makes an equivalent task. The order of the actions does not depend on the crippled legs.
 
     Args:
-      crippled: the names of the legs that are.
-      length: their two moving segments, as a share of a sound leg's.
-      gear: N m of their two motors.
-      fidelity: "fast" (Euler steps) or "exact" (Gymnasium's Runge-Kutta); see `envs.locomotion`. The integrator
-        matters: a policy trained on "fast" for a million steps returned 418 there and 545 on "exact".
+      crippled: names of the crippled legs; a single name may be a string.
+      length: length of the two moving segments of a crippled leg, as a share of the length in a sound leg.
+      gear: gear of the two motors of a crippled leg, N m.
+      fidelity: "fast" (Euler steps) or "exact" (Gymnasium's Runge-Kutta steps); see `locomotion.py`. The integrator
+        matters: a policy trained on "fast" for a million steps returned 418 on "fast" and 545 on "exact".
 
     Raises:
-      TaskError: for legs that do not exist, or an impossible length, gear or fidelity.
+      TaskError: for an unknown leg, or an impossible length, gear or fidelity.
     """
 
     first_observed = 2
     camera = Camera(90, -20, 4, follows=True)
     control_cost = 0.01
-    # Gymnasium pays for being alive and ends when the ant is not; so it pays 1 while above 0.2 m, and never ends.
-    gymnasium = (
+    # With these settings Gymnasium pays 1 while the torso is above 0.2 m and never ends an episode. Minus the bonus of
+    # 1, Gymnasium's reward is that of this task.
+    gymnasium = GymnasiumTask(
         "Ant-v5",
-        dict(ctrl_cost_weight=0.01, contact_cost_weight=0.0, healthy_reward=1.0, healthy_z_range=(0.2, float("inf")),
-             terminate_when_unhealthy=False, include_cfrc_ext_in_observation=False, bonus=1.0),
-    )  # fmt: skip
+        dict(
+            ctrl_cost_weight=0.01,
+            contact_cost_weight=0.0,
+            healthy_reward=1.0,
+            healthy_z_range=(0.2, float("inf")),
+            terminate_when_unhealthy=False,
+            include_cfrc_ext_in_observation=False,
+        ),
+        bonus=1.0,
+    )
     obs_mean = (0.5, *(0.0,) * 4, *(0.0, 0.9, 0.0, -0.9, 0.0, -0.9, 0.0, 0.9), *(0.0,) * 14)
     obs_std = (0.3, *(0.5,) * 4, *(0.3,) * 8, *(1.0,) * 3, *(2.0,) * 3, *(3.0,) * 8)
 
@@ -177,11 +194,11 @@ class Ant(Locomotion):
         crippled = (crippled,) if isinstance(crippled, str) else tuple(crippled)
         unknown = sorted(set(crippled) - set(LEGS))
         if unknown:
-            raise TaskError(f"crippled = {', '.join(unknown)}: no such leg; the ant has {', '.join(LEGS)}")
+            raise TaskError(f"crippled = {', '.join(unknown)}: unknown leg; expected names from {', '.join(LEGS)}")
         if not 0.01 <= length <= 10:
-            raise TaskError(f"length = {length}: expected a share of a sound leg's, from 0.01 to 10 (half: 0.5)")
+            raise TaskError(f"length = {length}: expected a share of a sound leg's length, from 0.01 to 10 (half: 0.5)")
         if not 0 <= gear <= 1000:
-            raise TaskError(f"gear = {gear}: expected N m, from 0 to 1000 (a sound leg's motors: {GEAR:g})")
+            raise TaskError(f"gear = {gear}: expected N m, from 0 to 1000 (a sound leg's motors have {GEAR:g})")
         spec = ant_spec()
         for leg in dict.fromkeys(crippled):
             cripple(spec, leg, length, gear)

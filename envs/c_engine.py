@@ -1,12 +1,14 @@
-"""The tasks in the C engine: a second opinion on what a policy scores in MJX."""
+"""The tasks outside of JAX, mostly in MuJoCo's C engine: a second opinion on the return of a policy in MJX."""
 
 from __future__ import annotations
 
 import copy
 import tempfile
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
+import gymnasium
+import jax
 import mujoco
 import numpy as np
 
@@ -14,19 +16,33 @@ from eairl_jax.envs.mjx_task import MjxTask, Physics
 
 
 class CEngine(Protocol):
-    """One environment of a task outside of jax."""
+    """One environment of a task, computed outside of JAX."""
 
     def start(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
-        """Begins an episode at positions `[nq]` and velocities `[nv]`; returns the observation `[obs]`."""
+        """Begins an episode at positions `[nq]` and velocities `[nv]`; returns the first observation `[obs]`."""
         ...
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float]:
-        """Executes an action `[act]` within its limits; returns the observation `[obs]` after it and the reward."""
+        """Executes an action `[act]` within the action limit; returns the next observation `[obs]` and the reward."""
         ...
 
 
+def make(task: MjxTask) -> CEngine:
+    """Builds the engine of one environment of `task`.
+
+    The engine is Gymnasium's environment if the task declares one (`task.gymnasium`). Otherwise the C engine simulates
+    the task's model, and the task computes observation and reward.
+    """
+    if task.gymnasium is None:
+        return MujocoCEngine(task)
+    return (GymnasiumMujoco if task.gymnasium.simulates_model else GymnasiumPendulum)(task)
+
+
 class MujocoCEngine:
-    """`mujoco.mj_step` on a task's own model, its solver run until it converges; observation and reward the task's."""
+    """`mujoco.mj_step` on the model of a task, with enough solver iterations to converge.
+
+    The task computes observation and reward.
+    """
 
     def __init__(self, task: MjxTask):
         self._task = task
@@ -34,63 +50,61 @@ class MujocoCEngine:
         self._model.opt.iterations, self._model.opt.ls_iterations, self._model.opt.tolerance = 100, 50, 1e-8
         self._data = mujoco.MjData(self._model)
 
-    def start(self, qpos, qvel):
+    def start(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[:], self._data.qvel[:] = qpos, qvel
         return np.asarray(self._task.observe(self._physics()))
 
-    def step(self, action):
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float]:
         before = self._physics()
         self._data.ctrl[:] = action
         mujoco.mj_step(self._model, self._data, nstep=self._task.frame_skip)
         after = self._physics()
-        return np.asarray(self._task.observe(after)), float(self._task.reward(before, action, after))
+        return np.asarray(self._task.observe(after)), float(self._task.reward(before, cast(jax.Array, action), after))
 
-    def _physics(self):
+    def _physics(self) -> Physics:
         data = self._data
-        return Physics(data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy())  # pyright: ignore
+        # NumPy arrays of float64: the task's functions take them as they take JAX's arrays.
+        return Physics(*(cast(jax.Array, x.copy()) for x in (data.qpos, data.qvel, data.qacc_warmstart)))
 
 
-class GymnasiumCEngine:
-    """One of Gymnasium's MuJoCo environments on a model of ours; observation and reward are Gymnasium's own.
+class GymnasiumMujoco:
+    """One of Gymnasium's MuJoCo environments, simulating the task's model.
 
-    Args:
-      name: of the environment, for example "Ant-v5".
-      spec: the compiled model.
-      bonus: what Gymnasium pays at every step and the task does not.
-      **settings: of the environment.
+    Gymnasium computes observation and reward. `bonus`, which only Gymnasium pays, is subtracted from the reward.
     """
 
-    def __init__(self, name: str, spec: mujoco.MjSpec, bonus: float = 0.0, **settings: Any):
+    def __init__(self, task: MjxTask):
+        assert task.gymnasium is not None
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "model.xml"
-            path.write_text(spec.to_xml(), encoding="utf-8")
-            self._make(name, bonus, xml_file=str(path), **settings)
+            path.write_text(task.spec.to_xml(), encoding="utf-8")
+            settings = dict(xml_file=str(path), frame_skip=task.frame_skip, **task.gymnasium.settings)
+            self.env: Any = gymnasium.make(task.gymnasium.name, **settings).unwrapped
+        self._bonus = task.gymnasium.bonus
 
-    def _make(self, name: str, bonus: float = 0.0, **settings: Any) -> None:
-        import gymnasium
+    def start(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        self.env.reset()
+        self.env.set_state(np.asarray(qpos, float), np.asarray(qvel, float))
+        return self.env._get_obs()
 
-        self._env: Any = gymnasium.make(name, **settings).unwrapped
-        self._bonus = bonus
-
-    def start(self, qpos, qvel):
-        self._env.reset()
-        self._put(np.asarray(qpos, float), np.asarray(qvel, float))
-        return self._env._get_obs()
-
-    def _put(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        self._env.set_state(qpos, qvel)
-
-    def step(self, action):
-        obs, reward, *_ = self._env.step(np.asarray(action))
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float]:
+        obs, reward, *_ = self.env.step(np.asarray(action))
         return obs, float(reward) - self._bonus
 
 
-class PendulumCEngine(GymnasiumCEngine):
-    """Gymnasium's Pendulum-v1, which integrates its equations itself."""
+class GymnasiumPendulum:
+    """Gymnasium's Pendulum-v1, which integrates its equations in NumPy without MuJoCo."""
 
-    def __init__(self):
-        self._make("Pendulum-v1")
+    def __init__(self, task: MjxTask):
+        assert task.gymnasium is not None
+        self.env: Any = gymnasium.make(task.gymnasium.name, **task.gymnasium.settings).unwrapped
 
-    def _put(self, qpos, qvel):
-        self._env.state = np.concatenate([qpos, qvel])
+    def start(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        self.env.reset()
+        self.env.state = np.concatenate([np.asarray(qpos, float), np.asarray(qvel, float)])
+        return self.env._get_obs()
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float]:
+        obs, reward, *_ = self.env.step(np.asarray(action))
+        return obs, float(reward)

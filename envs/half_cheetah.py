@@ -5,9 +5,10 @@ from __future__ import annotations
 import mujoco
 
 from eairl_jax.envs.locomotion import Locomotion
-from eairl_jax.envs.mjx_task import Camera
+from eairl_jax.envs.mjx_task import Camera, GymnasiumTask
 
-# 14 kg in all: Gymnasium's `settotalmass`, which mujoco 4 deprecates, turned into a density (kg/m^3).
+# The density (kg/m^3) makes a total mass of 14 kg. Gymnasium's model sets the mass by `settotalmass`, which MuJoCo 4
+# deprecates.
 MJCF = """
 <mujoco>
   <compiler angle="radian"/>
@@ -106,8 +107,14 @@ class HalfCheetah(Locomotion):
     Reward: `forward velocity - 0.1 |action|^2`, the velocity being the torso's displacement along x over the time of
     the step (m/s).
 
+    Start: positions uniform within 0.1 (m, rad) of the model's, velocities normal with std 0.1 (m/s, rad/s).
+
+    End: none before the time limit of 500 steps of 0.05 s.
+
+    Differences from Gymnasium: 500 steps instead of 1000.
+
     Args:
-      fidelity: "fast" or "exact"; see `envs.locomotion`. Both take Gymnasium's Euler steps.
+      fidelity: "fast" or "exact"; see `locomotion.py`. Both take Euler steps, like Gymnasium.
 
     Raises:
       TaskError: for an unknown fidelity.
@@ -116,7 +123,7 @@ class HalfCheetah(Locomotion):
     first_observed = 1
     camera = Camera(90, -10, 3.5, follows=True)
     control_cost = 0.1
-    gymnasium = ("HalfCheetah-v5", {})
+    gymnasium = GymnasiumTask("HalfCheetah-v5")
     obs_mean = (0.0,) * 17
     obs_std = (0.2, 1.0, *(0.4,) * 6, 4.0, 1.0, 3.0, *(10.0,) * 6)
 

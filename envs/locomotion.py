@@ -1,18 +1,16 @@
-"""What the walkers and the swimmer share: Gymnasium's observation and reward, and physics in two fidelities."""
+"""What the ant, the half-cheetah and the swimmer share: Gymnasium's observation and reward, and two fidelities."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from eairl_jax.envs.c_engine import GymnasiumCEngine
 from eairl_jax.envs.mjx_task import MjxTask, Physics, TaskError, mjx
-from eairl_jax.envs.physics.contact_solver import Floor, newton
+from eairl_jax.envs.physics.contact_solver import FloorConstraints, newton
 from eairl_jax.envs.physics.scatter_free import without_scatters
 from eairl_jax.envs.physics.tree_solver import tree_solver
 
@@ -21,57 +19,62 @@ EULER, RK4 = mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4
 
 @dataclass(frozen=True)
 class Fidelity:
-    """What the constraints of a step are solved with.
+    """The integrator and the effort of the constraint solver in a physics step.
 
     Attributes:
-      euler: whether steps are semi-implicit Euler's, whatever integrator the model names.
-      contacts: most points that touch the floor at a time; the deepest count.
-      newton_steps: of the constraint solver, from the acceleration of the step before.
-      line_search: one-dimensional steps on the length of each.
+      euler: True: semi-implicit Euler steps. False: the integrator that the model names.
+      max_contacts: the number of points that can touch the floor at the same time; if more points touch, the deepest
+        are used.
+      newton_steps: Newton steps of the constraint solver, which starts from the acceleration of the last physics step.
+      line_search_steps: one-dimensional Newton steps that find the length of each Newton step.
     """
 
     euler: bool
-    contacts: int
+    max_contacts: int
     newton_steps: int
-    line_search: int
+    line_search_steps: int
 
 
-# "exact" is the C engine's physics: the integrator that Gymnasium chose, every contact, a solver that has converged.
-# "fast" is chosen by measurement, and `tests/envs/test_locomotion.py` holds it to that. Random actions put at most six
-# points on the floor in 15,000 steps of ant or half-cheetah. After two Newton steps the worst position of an ant is
-# off by 0.5 % of its spread in the median step and by 12 % in one of twenty, after three by 0.0001 % and 2.6 %, for a
-# fifth of the time.
+# "exact" is the physics of the C engine: Gymnasium's integrator, every contact, and a converged solver.
+# "fast" was chosen by measurement, and `tests/envs/test_locomotion.py` checks the accuracy. With random actions at most
+# six points touched the floor in 15,000 steps of ant and half-cheetah. The errors of the ant's worst position are in
+# standard deviations of that position. After two Newton steps the error was 0.5 % in the median step and 12 % in one
+# step of twenty. After three Newton steps the errors were 0.0001 % and 2.6 %; the third takes a fifth of the time.
 FIDELITIES = {"fast": Fidelity(True, 6, 3, 2), "exact": Fidelity(False, 100, 20, 8)}
 
 
 class Locomotion(MjxTask):
-    """A body that is paid for its speed along x. Every episode runs its whole length: nothing ends it early.
+    """A body that is rewarded for its speed along x. Nothing ends an episode before the time limit.
 
     Observation: the positions from `first_observed` on, then all velocities.
 
     Reward: `(x after - x before) / dt - control_cost |action|^2`, x being position 0.
 
-    Start: positions uniform within 0.1 of the model's, velocities normal with std 0.1.
+    Start: positions uniform within 0.1 (m, rad) of the model's, velocities normal with std 0.1 (m/s, rad/s).
 
-    MJX computes what the bodies do without constraints; `envs.floor` adds contacts and joint limits, since MJX's own
-    take most of the time and differ from the C engine's where a capsule stands steep.
+    MJX computes inertia and forces without constraints. `physics/contact_solver.py` adds contacts and joint limits,
+    because MJX's constraints take most of the time and differ from the C engine's where a capsule stands steep.
 
     Args:
-      spec: Gymnasium's model. A free joint, if any, comes first; the motors drive hinges.
-      frame_skip: physics steps an action.
+      spec: the model. If the model has a free joint, the free joint comes first. The motors drive hinges.
+      frame_skip: physics steps for each action.
       fidelity: "fast" or "exact".
 
     Attributes:
-      first_observed: the positions before this one say where the body is in the world and are not observed.
-      control_cost: price of `|action|^2`.
-      gymnasium: name of Gymnasium's environment and the settings with which it is the same task.
-      model: for the C engine; it has the integrator of the fidelity, and a solver that converges in both.
+      first_observed: index of the first position that is observed. The positions before the index say where the body
+        is in the world.
+      control_cost: weight of `|action|^2` in the reward.
+      fidelity: the chosen `Fidelity`.
+      model: the model for the C engine. The integrator is that of the fidelity; the C engine's solver converges at
+        either fidelity.
+
+    Raises:
+      TaskError: for an unknown fidelity.
     """
 
     episode_length = 500
     first_observed: int
     control_cost: float
-    gymnasium: tuple[str, dict[str, Any]]
 
     def __init__(self, spec: mujoco.MjSpec, frame_skip: int, fidelity: str):
         if fidelity not in FIDELITIES:
@@ -79,10 +82,10 @@ class Locomotion(MjxTask):
         self.fidelity = FIDELITIES[fidelity]
         if self.fidelity.euler:
             spec.option.integrator = EULER
-            spec.compiler.fusestatic = True  # the same masses in fewer bodies
+            spec.compiler.fusestatic = True  # fewer bodies with the same masses
         super().__init__(spec, frame_skip)
         model = self.model
-        self._floor = Floor(model, self.fidelity.contacts)
+        self._constraints = FloorConstraints(model, self.fidelity.max_contacts)
         self._solve = tree_solver(model.dof_parentid)
         self._floating = model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
         self._damping = np.diag(model.opt.timestep * model.dof_damping)
@@ -94,10 +97,6 @@ class Locomotion(MjxTask):
         start = jnp.asarray(self.model.qpos0)
         qpos = start + jax.random.uniform(position_rng, start.shape, minval=-0.1, maxval=0.1)
         return qpos, 0.1 * jax.random.normal(velocity_rng, (self.model.nv,))
-
-    def referee(self):
-        name, settings = self.gymnasium
-        return GymnasiumCEngine(name, self.spec, frame_skip=self.frame_skip, **settings)
 
     def observe(self, physics):
         return jnp.concatenate([physics.qpos[self.first_observed :], physics.qvel])
@@ -114,13 +113,13 @@ class Locomotion(MjxTask):
             return self._runge_kutta(physics, ctrl)
         qacc, inertia = self._acceleration(physics, ctrl)
         damped = qacc
-        if self._damping.any():  # implicit in the dampers' force, as the C engine's Euler is
+        if self._damping.any():  # like the C engine's Euler step: implicit in the force of the dampers
             damped = self._solve(inertia + self._damping, inertia @ qacc)
         qvel = physics.qvel + self.model.opt.timestep * damped
         return Physics(self._move(physics.qpos, qvel, self.model.opt.timestep), qvel, qacc)
 
     def _acceleration(self, physics: Physics, ctrl: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """`(qacc [nv], inertia [nv, nv])` under all forces and constraints."""
+        """Returns the acceleration `[nv]` under all forces and constraints, and the inertia matrix `[nv, nv]`."""
         model = self._mjx_model
         data = self._blank.replace(qpos=physics.qpos, qvel=physics.qvel)
         for stage in (mjx.kinematics, mjx.com_pos, mjx.crb, mjx.com_vel, mjx.passive, mjx.rne):
@@ -128,32 +127,37 @@ class Locomotion(MjxTask):
         force = data.qfrc_passive - data.qfrc_bias + ctrl @ self._motors
         inertia = mjx.full_m(model, data)
         start, solver = physics.qacc_warmstart, self.fidelity
-        rows = self._floor.rows(data)
-        return newton(self._solve, inertia, force, rows, start, solver.newton_steps, solver.line_search), inertia
+        rows = self._constraints.rows(data)
+        qacc = newton(self._solve, inertia, force, rows, start, solver.newton_steps, solver.line_search_steps)
+        return qacc, inertia
 
     def _runge_kutta(self, physics: Physics, ctrl: jax.Array) -> Physics:
-        """The classical fourth-order step."""
+        """One step of the classical fourth-order Runge-Kutta method."""
         h = self.model.opt.timestep
 
         def stage(carry, tableau):
-            ((last_speed, last_qacc), moved, pushed), (ahead, weight) = carry, tableau
-            # Where the speed and the acceleration of the stage before lead.
-            speed = physics.qvel + ahead * h * last_qacc
-            place = self._move(physics.qpos, last_speed, ahead * h)
-            found, _ = self._acceleration(Physics(place, speed, last_qacc), ctrl)
-            return ((speed, found), moved + weight * speed, pushed + weight * found), None
+            ((last_qvel, last_qacc), mean_qvel, mean_qacc), (node, weight) = carry, tableau
+            # From the start of the step, with velocity and acceleration of the last stage, to the time `node * h`.
+            qvel = physics.qvel + node * h * last_qacc
+            qpos = self._move(physics.qpos, last_qvel, node * h)
+            qacc, _ = self._acceleration(Physics(qpos, qvel, last_qacc), ctrl)
+            return ((qvel, qacc), mean_qvel + weight * qvel, mean_qacc + weight * qacc), None
 
         first = (physics.qvel, physics.qacc_warmstart)
-        still = jnp.zeros_like(physics.qvel)
-        tableau = jnp.array([0.0, 0.5, 0.5, 1.0]), jnp.array([1.0, 2.0, 2.0, 1.0]) / 6
-        ((_, qacc), mean_speed, mean_qacc), _ = jax.lax.scan(stage, (first, still, still), tableau)
-        return Physics(self._move(physics.qpos, mean_speed, h), physics.qvel + h * mean_qacc, qacc)
+        zeros = jnp.zeros_like(physics.qvel)
+        tableau = jnp.array([0.0, 0.5, 0.5, 1.0]), jnp.array([1.0, 2.0, 2.0, 1.0]) / 6  # nodes, weights
+        ((_, qacc), mean_qvel, mean_qacc), _ = jax.lax.scan(stage, (first, zeros, zeros), tableau)
+        return Physics(self._move(physics.qpos, mean_qvel, h), physics.qvel + h * mean_qacc, qacc)
 
     def _move(self, qpos: jax.Array, qvel: jax.Array, seconds: jax.Array | float) -> jax.Array:
-        """Positions `[nq]` after some time at constant velocities `[nv]`."""
+        """Positions `[nq]` after `seconds` at the constant velocities `[nv]`.
+
+        A free joint's velocities are three linear ones in the world's frame and three angular ones in the body's frame,
+        so its quaternion is multiplied by the rotation of the angular ones (MuJoCo's `mj_integratePos`).
+        """
         if not self._floating:
             return qpos + seconds * qvel
-        half = 0.5 * seconds * qvel[3:6]  # of a rotation vector in the body's own frame
+        half = 0.5 * seconds * qvel[3:6]  # half of the rotation vector, in the body's frame
         angle = jnp.sqrt(jnp.sum(half**2) + 1e-20)
         w, v = jnp.cos(angle), half * jnp.sin(angle) / angle
         a, b = qpos[3], qpos[4:7]

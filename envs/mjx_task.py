@@ -1,10 +1,13 @@
-"""What every MJX task shares: the model, the frame skip and the little state that physics carries."""
+"""What all tasks share: the model, the clipped action, the physics steps of one action, and the state between steps."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import io
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -12,23 +15,20 @@ import mujoco
 import numpy as np
 from flax import struct
 
-with contextlib.redirect_stdout(io.StringIO()):  # both print about an optional package that we do not use
+with contextlib.redirect_stdout(io.StringIO()):  # both print a line about an optional package that is not needed here
     from brax.envs.base import Env, State
     from mujoco import mjx
 
 from eairl_jax.envs.visuals import dress
 
-if TYPE_CHECKING:
-    from eairl_jax.envs.c_engine import CEngine
-
 
 class Camera(NamedTuple):
-    """From where a task is looked at.
+    """The point of view of a task's pictures.
 
     Attributes:
-      azimuth, elevation: of the line of sight, degrees.
-      distance: from what is looked at, m.
-      follows: whether that is the first body, or the middle of the model.
+      azimuth, elevation: direction of the line of sight, degrees.
+      distance: from the camera to the point that it looks at, m.
+      follows: True: the camera looks at the first body and moves with the body. False: it looks at the model's centre.
     """
 
     azimuth: float
@@ -37,19 +37,36 @@ class Camera(NamedTuple):
     follows: bool
 
     def offset(self) -> np.ndarray:
-        """From what is looked at to the camera, `[3]`, m."""
+        """The vector `[3]`, m, to the camera from the point that the camera looks at."""
         a, e = np.radians([self.azimuth, self.elevation])
         return -self.distance * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
+class GymnasiumTask(NamedTuple):
+    """The environment of Gymnasium that is the same task.
+
+    Attributes:
+      name: the environment's id, for example "Ant-v5".
+      settings: keyword arguments of `gymnasium.make` that make the two tasks the same.
+      bonus: reward that Gymnasium pays at every step and the task does not pay.
+      simulates_model: True for Gymnasium's MuJoCo environments, which simulate the task's model. False for Pendulum-v1,
+        which integrates its equations without a model.
+    """
+
+    name: str
+    settings: Mapping[str, Any] = MappingProxyType({})
+    bonus: float = 0.0
+    simulates_model: bool = True
+
+
 @struct.dataclass
 class Physics:
-    """All that one physics step hands to the next; the rest of `mjx.Data` is derived from it.
+    """All that one physics step passes to the next step. The rest of `mjx.Data` follows from these arrays.
 
     Attributes:
       qpos: `[nq]` positions (m, rad).
       qvel: `[nv]` velocities (m/s, rad/s).
-      qacc_warmstart: `[nv]` the constraint solver's starting point (m/s^2, rad/s^2).
+      qacc_warmstart: `[nv]` accelerations from which the constraint solver starts (m/s^2, rad/s^2).
     """
 
     qpos: jax.Array
@@ -58,21 +75,36 @@ class Physics:
 
 
 class TaskError(ValueError):
-    """Raised for a task that cannot be made as asked; the message says what can be."""
+    """Raised for a task that cannot be built or stepped as asked. The message says what was expected."""
 
 
 class MjxTask(Env):
-    """A brax environment over one MuJoCo model that never ends before its time limit.
+    """A brax environment over one MuJoCo model. `done` is always 0: only the caller's time limit ends an episode.
 
-    A task gives a model and three functions: `initial` draws the first physics state, `observe` reads a
-    physics state, `reward` scores the action executed in one physics state that led to another.
+    To write a task, derive a class from this one. `pendulum.py` is the smallest example. The class
+
+    1. calls `super().__init__(spec, frame_skip)` with its `mujoco.MjSpec`;
+    2. defines `initial` (draws the start of an episode), `observe` (reads the observation from a physics state) and
+       `reward` (scores an action that led from one physics state to the next);
+    3. sets the attributes `episode_length`, `camera`, `obs_mean` and `obs_std`, and where they differ from the
+       defaults below, `action_limit` and `gymnasium`;
+    4. has a docstring with tables of the observation and of the action, like the docstrings of the other tasks.
+
+    Then add the class to `TASKS` in `registry.py`. The three functions must be pure: JAX traces, vectorises and
+    compiles them. All motors of the model must have the control range [-action_limit, action_limit].
+
+    Args:
+      spec: the model. It gets a floor, a sky and colours (`visuals.dress`) before it is compiled.
+      frame_skip: physics steps for each action; a physics step takes `model.opt.timestep` seconds.
 
     Attributes:
-      spec, model: the `mujoco.MjSpec` and the model that it compiles to, for the C engine and for viewers.
-      episode_length: steps in an episode; the caller enforces it (`done` is always 0).
+      spec, model: the `mujoco.MjSpec` and the compiled model, for the C engine and for pictures.
+      episode_length: steps of an episode. The caller ends the episode there.
       action_limit: actions are clipped to [-action_limit, action_limit] before they are executed.
-      camera: from where to look at it.
-      obs_mean, obs_std: `[obs]` centre and scale of the task's *whole* state space, wherever an expert goes.
+      camera: the point of view of pictures.
+      obs_mean, obs_std: `[obs]` centre and scale of observations over the *whole* state space of the task, not only
+        over the states that an expert visits.
+      gymnasium: the environment of Gymnasium that is the same task; None if Gymnasium has no such environment.
     """
 
     episode_length: int
@@ -80,6 +112,7 @@ class MjxTask(Env):
     camera: Camera
     obs_mean: tuple[float, ...]
     obs_std: tuple[float, ...]
+    gymnasium: GymnasiumTask | None = None
 
     def __init__(self, spec: mujoco.MjSpec, frame_skip: int):
         dress(spec)
@@ -90,48 +123,53 @@ class MjxTask(Env):
         self._blank = mjx.make_data(self._mjx_model)
 
     def initial(self, rng: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Draws `(qpos [nq], qvel [nv])` of a new episode."""
+        """Draws the positions `[nq]` and velocities `[nv]` at the start of an episode."""
         raise NotImplementedError
 
     def observe(self, physics: Physics) -> jax.Array:
-        """Reads the observation `[obs]` of a physics state."""
+        """Returns the observation `[obs]` of a physics state."""
         raise NotImplementedError
 
     def reward(self, physics: Physics, action: jax.Array, after: Physics) -> jax.Array:
-        """Scores the (clipped) action `[act]` executed in `physics`, a step before `after`; a scalar."""
+        """Returns the reward, a scalar, of the clipped action `[act]` that led from `physics` to `after`."""
         raise NotImplementedError
 
     def substep(self, physics: Physics, ctrl: jax.Array) -> Physics:
-        """One `mjx.step` of `model.opt.timestep` seconds."""
+        """One physics step of `model.opt.timestep` seconds under the controls `[act]`, by `mjx.step`."""
         data = self._blank.replace(
             qpos=physics.qpos, qvel=physics.qvel, qacc_warmstart=physics.qacc_warmstart, ctrl=ctrl
         )
         data = mjx.step(self._mjx_model, data)
         return Physics(data.qpos, data.qvel, data.qacc_warmstart)
 
-    def referee(self) -> CEngine:
-        """One environment of this task in the C engine, with every iteration that its solver needs."""
-        from eairl_jax.envs.c_engine import MujocoCEngine  # which builds on this module
-
-        return MujocoCEngine(self)
-
     def reset(self, rng: jax.Array) -> State:
-        """Starts an episode. No physics is computed, so a reset costs next to nothing inside a rollout."""
+        """Starts an episode. A reset computes no physics, so resets inside a rollout cost almost nothing."""
         qpos, qvel = self.initial(rng)
         physics = Physics(qpos, qvel, jnp.zeros(self.model.nv))
         zero = jnp.zeros(())
-        return State(pipeline_state=physics, obs=self.observe(physics), reward=zero, done=zero)  # pyright: ignore
+        return State(pipeline_state=cast(Any, physics), obs=self.observe(physics), reward=zero, done=zero)
 
     def step(self, state: State, action: jax.Array) -> State:
-        """Clips the action, advances `frame_skip` physics steps and scores them."""
+        """Clips the action `[act]`, advances `frame_skip` physics steps and computes the reward.
+
+        A NaN in the action makes observation and reward NaN until the next reset.
+
+        Raises:
+          TaskError: if the shape of the action is not `[act]`.
+        """
+        if jnp.shape(action) != (self.action_size,):
+            raise TaskError(
+                f"action has shape {jnp.shape(action)}: expected ({self.action_size},), one number for each motor; "
+                "step a batch of environments with jax.vmap(env.step)"
+            )
         action = jnp.clip(action, -self.action_limit, self.action_limit)
-        before: Physics = state.pipeline_state  # pyright: ignore
-        # A scan, not an unrolled loop: the physics is compiled once instead of frame_skip times.
+        before = cast(Physics, state.pipeline_state)
+        # A scan, not an unrolled loop: XLA compiles the physics once instead of frame_skip times.
         after, _ = jax.lax.scan(
             lambda physics, _: (self.substep(physics, action), None), before, length=self.frame_skip
         )
         reward = self.reward(before, action, after)
-        return state.replace(pipeline_state=after, obs=self.observe(after), reward=reward)  # pyright: ignore
+        return dataclasses.replace(state, pipeline_state=after, obs=self.observe(after), reward=reward)
 
     @property
     def observation_size(self) -> int:

@@ -6,13 +6,12 @@ import jax
 import jax.numpy as jnp
 import mujoco
 
-from eairl_jax.envs.c_engine import PendulumCEngine
-from eairl_jax.envs.mjx_task import Camera, MjxTask, Physics
+from eairl_jax.envs.mjx_task import Camera, GymnasiumTask, MjxTask, Physics
 
 MAX_SPEED = 8.0  # rad/s
 
-# A rod of 1 kg and 1 m turning about one end: its centre of mass is half way up, and m l^2 / 12 about that
-# centre is m l^2 / 3 about the hinge. At angle 0 the rod stands upright.
+# A rod of mass m = 1 kg and length l = 1 m turns about one end. Its moment of inertia is m l^2 / 12 about its centre of
+# mass (half way up), which is m l^2 / 3 about the hinge. At angle 0 the rod stands upright.
 MJCF = """
 <mujoco>
   <option timestep="0.05" gravity="0 0 -10" integrator="Euler">
@@ -38,7 +37,7 @@ def wrap_angle(angle: jax.Array) -> jax.Array:
 
 
 class Pendulum(MjxTask):
-    """Gymnasium's Pendulum-v1, step for step.
+    """Gymnasium's Pendulum-v1, step for step: swing a rod up and hold it upright.
 
     Observation (3):
 
@@ -50,7 +49,14 @@ class Pendulum(MjxTask):
 
     Action (1): torque at the hinge, N m, clipped to [-2, 2].
 
-    Reward: `-(angle^2 + 0.1 velocity^2 + 0.001 torque^2)`, the angle measured from upright in [-pi, pi).
+    Reward: `-(angle^2 + 0.1 velocity^2 + 0.001 torque^2)` of the state before the step, the angle measured from upright
+    in [-pi, pi).
+
+    Start: angle uniform in [-pi, pi) rad, angular velocity uniform in [-1, 1) rad/s.
+
+    End: none before the time limit of 200 steps of 0.05 s.
+
+    Differences from Gymnasium: none but rounding (float32).
     """
 
     episode_length = 200
@@ -58,6 +64,7 @@ class Pendulum(MjxTask):
     camera = Camera(90, 0, 4, follows=False)
     obs_mean = (0.0, 0.0, 0.0)
     obs_std = (1.0, 1.0, 4.0)
+    gymnasium = GymnasiumTask("Pendulum-v1", simulates_model=False)
 
     def __init__(self):
         super().__init__(mujoco.MjSpec.from_string(MJCF), frame_skip=1)
@@ -76,10 +83,7 @@ class Pendulum(MjxTask):
         angle, speed = wrap_angle(physics.qpos[0]), physics.qvel[0]
         return -(angle**2 + 0.1 * speed**2 + 0.001 * action[0] ** 2)
 
-    def referee(self):
-        return PendulumCEngine()
-
     def substep(self, physics, ctrl):
-        # Gymnasium clips the speed after integrating it and before integrating the angle with it.
+        # Like Gymnasium: integrate the speed, clip the speed, then integrate the angle with the clipped speed.
         speed = jnp.clip(super().substep(physics, ctrl).qvel, -MAX_SPEED, MAX_SPEED)
         return Physics(physics.qpos + self.dt * speed, speed, physics.qacc_warmstart)

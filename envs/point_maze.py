@@ -11,7 +11,8 @@ from eairl_jax.envs.mjx_task import Camera, MjxTask, TaskError
 SIDE = 0.6  # m, L in the paper's release
 START = (SIDE / 2, 0.0)
 GOAL = (SIDE / 2, SIDE - 0.1)
-# The barrier covers the arena from one outer wall to two thirds of L, seen from the far side.
+# The x (m) of the barrier's two ends, by the side of the passage. The barrier starts at the wall opposite to the
+# passage.
 BARRIER = {"left": (SIDE / 3, SIDE), "right": (-0.1, 2 * SIDE / 3)}
 
 MJCF = """
@@ -22,7 +23,7 @@ MJCF = """
   </option>
   <default>
     <geom condim="1" contype="0" conaffinity="1"/>
-    <default class="look"> <!-- seen, never touched -->
+    <default class="look"> <!-- visible, without contacts -->
       <geom type="box" contype="0" conaffinity="0"/>
     </default>
     <joint type="slide" damping="1"/>
@@ -67,18 +68,24 @@ class PointMaze(MjxTask):
 
     Action (2): force along x and y, N, clipped to [-1, 1].
 
-    Reward: `-|point - goal| - 0.001 |action|^2`.
+    Reward: `-|point - goal| - 0.001 |action|^2`, the point being the position before the step (m).
 
-    Contacts are frictionless (one constraint row each): the walls guide, they do not hold.
+    Start: at (0.3, 0) m, each velocity uniform in [-0.01, 0.01) m/s.
+
+    End: none before the time limit of 100 steps of 0.05 s.
+
+    Gymnasium has no such task; the C engine simulates the same model. Contacts have no friction, so each contact is one
+    constraint.
 
     Args:
-      passage: "left" or "right", the side on which the barrier can be passed.
-      solver_iterations, line_search_iterations: of the constraint solver. With one Newton step positions stay within
-        2 mm of the C engine's (at 100 iterations) where the point leans on walls; thrown into them at full speed it
-        can be off by 7 mm for a moment. `tests/envs/test_point_maze.py` holds both.
+      passage: "left" or "right", the side on which the point can pass the barrier.
+      solver_iterations, line_search_iterations: Newton steps of MJX's constraint solver for each physics step, and
+        line-search steps for each Newton step. With one Newton step positions stay within 2 mm of the C engine's
+        (100 iterations) while the point leans on walls. After an impact at full speed the difference reaches 7 mm for
+        a moment. `tests/envs/test_point_maze.py` checks both figures.
 
     Raises:
-      TaskError: for another side.
+      TaskError: for another side, or for less than one iteration.
     """
 
     episode_length = 100
@@ -90,6 +97,11 @@ class PointMaze(MjxTask):
     def __init__(self, passage: str, solver_iterations: int = 1, line_search_iterations: int = 4):
         if passage not in BARRIER:
             raise TaskError(f"passage = {passage!r}: expected {' or '.join(BARRIER)}")
+        if solver_iterations < 1 or line_search_iterations < 1:
+            raise TaskError(
+                f"solver_iterations = {solver_iterations}, line_search_iterations = {line_search_iterations}: "
+                "expected at least 1 of each"
+            )
         left, right = BARRIER[passage]
         mjcf = MJCF.format(
             iterations=solver_iterations,
@@ -113,6 +125,6 @@ class PointMaze(MjxTask):
 
     def reward(self, physics, action, after):
         to_goal = physics.qpos - jnp.array(GOAL)
-        # The smooth norm keeps the gradient finite at the goal itself.
+        # The small constant keeps the gradient of the norm finite at the goal.
         distance = jnp.sqrt(jnp.sum(to_goal**2) + 1e-12)
         return -distance - 0.001 * jnp.sum(action**2)

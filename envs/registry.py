@@ -1,4 +1,4 @@
-"""The table of tasks. A new task is a file in this folder and a row here."""
+"""The table of tasks by name. A new task is a file in this folder and an entry in `TASKS`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TASKS: MappingProxyType[str, Callable[..., MjxTask]] = MappingProxyType(
 
 
 class UnknownTask(TaskError):
-    """Raised for a name that is not in `TASKS`; the message gives the nearest ones."""
+    """Raised for a name that is not in `TASKS`; the message lists the nearest names and all names."""
 
 
 def make(name: str, **settings) -> MjxTask:
@@ -37,17 +37,18 @@ def make(name: str, **settings) -> MjxTask:
 
     Args:
       name: a key of `TASKS`.
-      **settings: passed to the task (for example `fidelity="exact"`).
+      **settings: arguments of the task's class (for example `fidelity="exact"`).
 
     Raises:
-      UnknownTask: if there is no such task.
-      TaskError: if the task has no such setting, or cannot have that value.
+      UnknownTask: if `name` is not in `TASKS`.
+      TaskError: if the task has no such setting, or refuses the value of a setting.
     """
     if name not in TASKS:
-        nearest = difflib.get_close_matches(name, TASKS, n=3, cutoff=0.3) or list(TASKS)
+        nearest = difflib.get_close_matches(str(name), TASKS, n=3, cutoff=0.3) or list(TASKS)
         raise UnknownTask(f"unknown task {name!r}; did you mean {', '.join(nearest)}? All tasks: {', '.join(TASKS)}")
-    known = inspect.signature(TASKS[name]).parameters
-    unknown = set(settings) - set(known)
+    accepted = list(inspect.signature(TASKS[name]).parameters)
+    unknown = sorted(set(settings) - set(accepted))
     if unknown:
-        raise TaskError(f"{name}: no such setting: {', '.join(sorted(unknown))}; it has {', '.join(known) or 'none'}")
+        choices = f"the settings of {name} are {', '.join(accepted)}" if accepted else f"{name} has no settings"
+        raise TaskError(f"unknown setting of task {name}: {', '.join(unknown)}; {choices}")
     return TASKS[name](**settings)

@@ -1,4 +1,4 @@
-"""Gymnasium's Swimmer: three links in a plane of thick fluid."""
+"""Gymnasium's Swimmer: three links that swim in a plane of viscous fluid."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import mujoco
 
 from eairl_jax.envs.locomotion import Locomotion
-from eairl_jax.envs.mjx_task import Camera
+from eairl_jax.envs.mjx_task import Camera, GymnasiumTask
 
 MJCF = """
 <mujoco>
@@ -44,7 +44,7 @@ MJCF = """
 
 
 class Swimmer(Locomotion):
-    """Gymnasium's Swimmer-v5 for 500 steps: three links of 1 m, pushed along by the drag of what they wag.
+    """Gymnasium's Swimmer-v5 for 500 steps: three links of 1 m swim by bending their two joints.
 
     Observation (8):
 
@@ -69,8 +69,14 @@ class Swimmer(Locomotion):
     Reward: `forward velocity - 0.0001 |action|^2`, the velocity being the front's displacement along x over the time
     of the step (m/s).
 
+    Start: positions and velocities uniform within 0.1 (m, rad, m/s, rad/s) of the model at rest.
+
+    End: none before the time limit of 500 steps of 0.04 s.
+
+    Differences from Gymnasium: 500 steps instead of 1000, and the integrator of fidelity "fast".
+
     Args:
-      fidelity: "fast" (Euler steps) or "exact" (Gymnasium's Runge-Kutta); see `envs.locomotion`.
+      fidelity: "fast" (Euler steps) or "exact" (Gymnasium's Runge-Kutta steps); see `locomotion.py`.
 
     Raises:
       TaskError: for an unknown fidelity.
@@ -79,7 +85,7 @@ class Swimmer(Locomotion):
     first_observed = 2
     camera = Camera(90, -50, 6, follows=True)
     control_cost = 1e-4
-    gymnasium = ("Swimmer-v5", {})
+    gymnasium = GymnasiumTask("Swimmer-v5")
     obs_mean = (0.0,) * 8
     obs_std = (1.0, 1.0, 1.0, 0.5, 0.5, 2.0, 2.0, 2.0)
 

@@ -93,7 +93,7 @@ def adversarial(stays, **changes):
 
     @jax.jit
     def fit(fitted, expert_rows, policy_rows, log_prob, lr):
-        seen = (train_state.rows(pairs._replace(log_prob=log_prob), 1, rows) for rows in (expert_rows, policy_rows))
+        seen = (train_state.take_samples(pairs._replace(log_prob=log_prob), 1, rows) for rows in (expert_rows, policy_rows))
         return discriminator.fit(fitted, *seen, HParams(gamma=GAMMA, discriminator_lr=lr), config)[0]
 
     def draw(share):  # evenly spaced quantiles, shifted at random
@@ -105,7 +105,7 @@ def adversarial(stays, **changes):
         distance = 0.5 * np.abs(occupancy(log_pi, leads_to) - expert(leads_to)).sum()
         return np.asarray(reward, np.float64).reshape(leads_to.shape), distance
 
-    fitted = train_state.start(discriminator.init(jax.random.PRNGKey(0), STATES, leads_to.shape[1], config))
+    fitted = train_state.init(discriminator.init(jax.random.PRNGKey(0), STATES, leads_to.shape[1], config))
     log_pi = soft_optimal(np.asarray(f(fitted.params), np.float64), leads_to)
     before = found(fitted, log_pi)
     for i in range(ROUNDS):

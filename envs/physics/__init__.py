@@ -1,1 +1,1 @@
-"""Constraint solving that differs from MJX's own, for speed."""
+"""Physics that differs from MJX's, for speed: contacts and joint limits, linear systems, and loops without scatters."""

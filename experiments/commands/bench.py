@@ -6,7 +6,6 @@ import dataclasses
 import os
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import jax
 import mujoco
@@ -27,10 +26,11 @@ from eairl_jax import (
     replay,
     rollout,
 )
-from eairl_jax.experiments.display.plots import peak_memory_gb
-from eairl_jax.experiments.pipeline.learn import Job, prepare
-from eairl_jax.experiments.pipeline.run_folder import machine, writable
-from eairl_jax.experiments.pipeline.train import LEARN, console, lane_keys
+from eairl_jax.experiments.display.console import console
+from eairl_jax.experiments.options import Bench
+from eairl_jax.experiments.pipeline.experiment import Experiment, imitations
+from eairl_jax.experiments.pipeline.run_folder import check_writable, machine, peak_memory_gb
+from eairl_jax.experiments.pipeline.train import LEARN, lane_keys
 from eairl_jax.methods import METHODS, with_method_defaults
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.storage import write_json
@@ -40,64 +40,63 @@ SEEDS = 5
 ROUNDS = 7
 
 
-def command(task: str, methods: tuple[str, ...], forms: tuple[str, ...], demos: Path | None, json_path: Path | None,
-            assignments: tuple[str, ...], iterations: int, line: str) -> None:  # fmt: skip
-    """Measures every job of `eairl bench`, prints a table for each and writes all figures as JSON."""
-    jobs = prepare(task, methods, forms, range(SEEDS), demos, "reward", assignments)
+def run(options: Bench, command_line: str) -> None:
+    """Measures every experiment of `eairl bench`, prints a table for each and writes all figures as JSON."""
+    experiments, task, iterations = imitations(options, "reward"), options.task, options.iterations
     if iterations < 1:
         raise InputError(f"--iterations {iterations}: expected at least 1")
-    for job in jobs:
-        if not job.has_reward:
-            raise InputError(f"{job.row} is not adversarial: bench measures {', '.join(METHODS)}")
-    if json_path:
-        writable(json_path)
+    for experiment in experiments:
+        if not experiment.has_reward:
+            raise InputError(f"{experiment.name} is not adversarial: bench measures {', '.join(METHODS)}")
+    if options.json:
+        check_writable(options.json)
     with console.status(f"{task}: compiling and measuring"):
-        results, simulation = measure(jobs, iterations)
-    for job in jobs:
-        _print(job, results[job.row])
-    if len(jobs) > 1:
+        results, simulation = measure(experiments, iterations)
+    for experiment in experiments:
+        _print(experiment, results[experiment.name])
+    if len(experiments) > 1:
         _compare(task, results)
     console.print(
         f"random actions, {simulation['envs']} environments: MJX on {simulation['devices']} devices "
         f"{simulation['mjx_steps_per_second']:,.0f} env steps/s, the C engine (mujoco.rollout, {simulation['threads']} "
         f"threads) {simulation['c_steps_per_second']:,.0f}; MJX over C {simulation['mjx_over_c']:.2f}\n"
-        f"peak memory of it all {simulation['peak_memory_gb']:.1f} GB"
+        f"peak memory of all measurements {simulation['peak_memory_gb']:.1f} GB"
     )
-    if json_path:
-        write_json(json_path, {"command": line, "task": task, "machine": machine(), "rows": results,
-                               "simulation": simulation})  # fmt: skip
+    if options.json:
+        content = {"command_line": command_line, "task": task, "machine": machine()}
+        write_json(options.json, content | {"methods": results, "simulation": simulation})
 
 
-def measure(jobs: list[Job], iterations: int) -> tuple[dict[str, dict], dict[str, float]]:
-    """All figures of every job, and of the simulation in the two engines.
+def measure(experiments: list[Experiment], iterations: int) -> tuple[dict[str, dict], dict[str, float]]:
+    """All figures of every experiment, and of the simulation in the two engines.
 
     Times are medians over rounds in which everything takes turns, seconds an iteration.
     """
     programs: dict[tuple[str, str], Callable[[], None]] = {}
     compiled = {}
-    for job in jobs:
-        runs, compiled[job.row] = whole_iterations(job, iterations)
-        for name, run in (stages(job, iterations) | runs).items():
-            programs[job.row, name] = run
+    for experiment in experiments:
+        runs, compiled[experiment.name] = whole_iterations(experiment, iterations)
+        for name, run in (stages(experiment, iterations) | runs).items():
+            programs[experiment.name, name] = run
     threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    for name, run in engines(jobs[0], iterations, threads).items():
+    for name, run in engines(experiments[0], iterations, threads).items():
         programs["engines", name] = run
     seconds = _time(programs, iterations)
     results = {}
-    for job in jobs:
-        own = {name: s for (row, name), s in seconds.items() if row == job.row}
-        steps = job.recipe.config.steps_per_iteration
-        results[job.row] = {
+    for experiment in experiments:
+        own = {name: s for (row, name), s in seconds.items() if row == experiment.name}
+        steps = experiment.recipe.config.steps_per_iteration
+        results[experiment.name] = {
             "env_steps_per_iteration": steps,
             "milliseconds": {name: 1e3 * s for name, s in own.items()},
             "simulation_steps_per_second": steps / own["simulation alone"],
             "iteration_steps_per_second": steps / own["iteration"],
             "iteration_over_simulation": own["simulation alone"] / own["iteration"],
             "five_seeds_over_one": own["iteration, five seeds"] / own["iteration"],
-            "compile_seconds": compiled[job.row],
-            "config": dataclasses.asdict(job.recipe.config),
+            "compile_seconds": compiled[experiment.name],
+            "config": dataclasses.asdict(experiment.recipe.config),
         }
-    config, devices = jobs[0].recipe.config, len(jax.devices())
+    config, devices = experiments[0].recipe.config, len(jax.devices())
     steps = config.steps_per_iteration * devices
     mjx, c = (seconds["engines", name] for name in ("MJX", "C"))
     simulation = {
@@ -112,9 +111,9 @@ def measure(jobs: list[Job], iterations: int) -> tuple[dict[str, dict], dict[str
     return results, simulation
 
 
-def whole_iterations(job: Job, iterations: int) -> tuple[dict[str, Callable[[], None]], dict[str, float]]:
+def whole_iterations(experiment: Experiment, iterations: int) -> tuple[dict[str, Callable[[], None]], dict[str, float]]:
     """Programs of whole iterations, of one seed on one device and of five on all, and what compiling them took."""
-    algorithm, runs, compile_seconds = make_irl(job.env, job.recipe.config), {}, {}
+    algorithm, runs, compile_seconds = make_irl(experiment.source.env, experiment.recipe.config), {}, {}
 
     def program(lanes: Lanes, state: PyTree) -> Callable[[], None]:
         held = [state]  # a chunk consumes the state it is given
@@ -125,16 +124,26 @@ def whole_iterations(job: Job, iterations: int) -> tuple[dict[str, Callable[[], 
         return run
 
     for name, seeds, devices in (("iteration", 1, jax.devices()[:1]), ("iteration, five seeds", SEEDS, jax.devices())):
-        lanes = Lanes(algorithm, lane_keys(LEARN, range(seeds)), job.recipe.hparams, job.demos, devices=devices)
+        lanes = Lanes(
+            algorithm,
+            lane_keys(LEARN, range(seeds)),
+            experiment.recipe.hparams,
+            experiment.source.demos,
+            devices=devices,
+        )
         state = lanes.init()
         compile_seconds[str(seeds)] = lanes.compile(state, iterations)
         runs[name] = program(lanes, state)
     return runs, compile_seconds
 
 
-def stages(job: Job, iterations: int) -> dict[str, Callable[[], None]]:
+def stages(experiment: Experiment, iterations: int) -> dict[str, Callable[[], None]]:
     """A program for each stage of an iteration of one seed, and one for the simulation in it alone."""
-    config, hparams, env = with_method_defaults(job.recipe.config), job.recipe.hparams, job.env
+    config, hparams, env = (
+        with_method_defaults(experiment.recipe.config),
+        experiment.recipe.hparams,
+        experiment.source.env,
+    )
     optimizer = make_optimizer(env, config)
     state = jax.jit(make_irl(env, config).init)(jax.random.PRNGKey(0), hparams)
     acting, raw = jax.jit(lambda s: agent.collect(s.key, s.agent, env, optimizer, config))(state)
@@ -144,7 +153,7 @@ def stages(job: Job, iterations: int) -> dict[str, Callable[[], None]]:
         return optimizer.distribution(acting.policy, obs)
 
     def discriminate(key, d):
-        drawn = discriminator_data.draw(key, agent.seen(job.demos, env, config), past, raw, config)
+        drawn = discriminator_data.draw(key, agent.seen(experiment.source.demos, env, config), past, raw, config)
         pair = (discriminator_data.prepare(x, pi, state.empowerment, acting, hparams, config) for x in drawn)
         return discriminator.fit(d, *pair, hparams, config)[0]
 
@@ -162,9 +171,9 @@ def stages(job: Job, iterations: int) -> dict[str, Callable[[], None]]:
     return {name: _repeat(stage, start, iterations) for name, (stage, start) in programs.items()}
 
 
-def engines(job: Job, iterations: int, threads: int) -> dict[str, Callable[[], None]]:
+def engines(experiment: Experiment, iterations: int, threads: int) -> dict[str, Callable[[], None]]:
     """The same simulation, uniformly random actions, by MJX on every device and by `mujoco.rollout` on every core."""
-    env, config, devices = job.env, job.recipe.config, len(jax.devices())
+    env, config, devices = experiment.source.env, experiment.recipe.config, len(jax.devices())
     keys = jax.random.split(jax.random.PRNGKey(0), devices)
 
     def start(key, _):
@@ -230,9 +239,10 @@ def _time(programs: dict, iterations: int) -> dict:
     return {name: float(np.median(seconds)) for name, seconds in taken.items()}
 
 
-def _print(job: Job, result: dict) -> None:
+def _print(experiment: Experiment, result: dict) -> None:
     milliseconds = result["milliseconds"]
-    title = f"{job.row} in {job.task}: {result['env_steps_per_iteration']:,} env steps an iteration, one seed"
+    steps = result["env_steps_per_iteration"]
+    title = f"{experiment.name} in {experiment.source.task}: {steps:,} env steps an iteration, one seed"
     table = Table(title=title, title_justify="left")
     for name, justify in (("stage", "left"), ("ms", "right"), ("env steps/s", "right"), ("share", "right")):
         table.add_column(name, justify=justify)  # pyright: ignore

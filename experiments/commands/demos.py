@@ -8,53 +8,68 @@ import jax
 import numpy as np
 
 from eairl_jax import Demonstrations, InputError, demonstrations, evaluate
-from eairl_jax.experiments.pipeline.policies import best_expert
-from eairl_jax.experiments.pipeline.run_folder import machine, writable
-from eairl_jax.experiments.pipeline.scores import SCORE_EPISODES, random_return
-from eairl_jax.experiments.pipeline.train import console, default_out, final_returns
-from eairl_jax.experiments.recipes import make_env
+from eairl_jax.experiments.display.console import console
+from eairl_jax.experiments.options import Collect
+from eairl_jax.experiments.pipeline.experiment import SCORE_EPISODES, make_env, random_return
+from eairl_jax.experiments.pipeline.policies import Policies, best_expert
+from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
+from eairl_jax.experiments.pipeline.train import RUNS, final_returns
 
 DEMO_SEED = 30_000
 
 
-def command(task: str, expert: Path | None, episodes: int, seed: int, out: Path | None, line: str) -> None:
-    """Collects whole episodes of the sampled expert and writes them with their provenance."""
+def run(options: Collect, command_line: str) -> None:
+    """Collects whole episodes of the sampled expert, and writes them with their provenance."""
+    task, episodes = options.task, options.episodes
     if episodes < 1:
         raise InputError(f"--episodes {episodes}: expected at least 1")
-    make_env(task)
-    best = best_expert(expert or default_out(f"expert-{task}"), task)
-    path = out or Path("demos") / f"{task}.npz"
-    writable(path)
-    env, algorithm = best.env, best.algorithm
-    sampled, mean = (final_returns(env, algorithm, best.state, [seed], SCORE_EPISODES, s) for s in (True, False))
-    scores = {
-        "expert_return": float(sampled.mean()),
-        "expert_return_mean_action": float(mean.mean()),
-        "random_return": random_return(env),
-    }
-
-    def act(obs, key):
-        return algorithm.act(best.lane(0), obs, key)
-
-    collect = jax.jit(lambda key: evaluate(key, env, act, episodes, env.episode_length)[1])
-    demos = Demonstrations(**jax.tree.map(np.asarray, collect(jax.random.PRNGKey(DEMO_SEED + seed))))
+    env = make_env(task)
+    expert = best_expert(options.expert or RUNS / f"expert-{task}", task)
+    path = options.out or Path("demos") / f"{task}.npz"
+    check_writable(path)
+    scores = _scores(expert, options.seed)
+    demos = _collect(expert, episodes, options.seed)
     returns = demos.reward.sum(axis=1)
     provenance = {
-        "command": line,
+        "command_line": command_line,
         "task": task,
         "episodes": episodes,
         "episode_length": env.episode_length,
-        "seed": seed,
-        "returns": [float(r) for r in returns],
+        "seed": options.seed,
+        "returns": [float(value) for value in returns],
         **scores,
         "score_episodes": SCORE_EPISODES,
-        "expert": best.settings,
+        "expert": expert.settings,
         "machine": machine(),
     }
     demonstrations.save(path, demos, provenance)
     console.print(
-        f"{episodes} episodes of {task} in {path}: return {returns.mean():.2f} ± {returns.std():.2f}; over "
-        f"{SCORE_EPISODES} episodes the expert has {scores['expert_return']:.2f} "
-        f"(its mean action {scores['expert_return_mean_action']:.2f}), random actions {scores['random_return']:.2f}",
+        f"{episodes} episodes of {task} in {path}: return {returns.mean():.2f} ± {returns.std():.2f}. Over "
+        f"{SCORE_EPISODES} episodes the expert has {scores['expert_return']:.2f} (its mean action "
+        f"{scores['expert_return_mean_action']:.2f}), random actions have {scores['random_return']:.2f}",
         soft_wrap=True,
+        markup=False,
     )
+
+
+def _scores(expert: Policies, seed: int) -> dict[str, float]:
+    """True returns of the expert, sampled and by its mean action, and of random actions, over many episodes."""
+    sampled, mean_action = (
+        final_returns(expert.env, expert.algorithm, expert.state, [seed], SCORE_EPISODES, is_sampled).mean()
+        for is_sampled in (True, False)
+    )
+    return {
+        "expert_return": float(sampled),
+        "expert_return_mean_action": float(mean_action),
+        "random_return": random_return(expert.env),
+    }
+
+
+def _collect(expert: Policies, episodes: int, seed: int) -> Demonstrations:
+    state = expert.lane(0)
+
+    def act(obs, key):
+        return expert.algorithm.act(state, obs, key)
+
+    collect = jax.jit(lambda key: evaluate(key, expert.env, act, episodes, expert.env.episode_length)[1])
+    return Demonstrations(**jax.tree.map(np.asarray, collect(jax.random.PRNGKey(DEMO_SEED + seed))))

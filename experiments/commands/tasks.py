@@ -5,31 +5,42 @@ from __future__ import annotations
 from rich.table import Table
 
 from eairl_jax import InputError, demonstrations, envs
-from eairl_jax.experiments.pipeline.scores import shipped
-from eairl_jax.experiments.pipeline.train import console
+from eairl_jax.experiments.display.console import console, say
+from eairl_jax.experiments.options import Tasks
+from eairl_jax.experiments.pipeline.experiment import make_env, shipped_demonstrations
 
 
-def command() -> None:
-    """Prints a row a task."""
+def run(options: Tasks, command_line: str) -> None:
+    """Prints a line for each task, then a sentence about each."""
+    del options, command_line  # there is nothing to ask
     table = Table(title="Tasks", title_justify="left")
     for name in ("task", "obs", "act", "action limit", "steps", "expert", "random"):
         table.add_column(name, justify="left" if name == "task" else "right", no_wrap=True)
     summaries = []
     for name in envs.TASKS:
-        env = envs.make(name)
-        try:
-            said = demonstrations.provenance(shipped(name))
-            scores = [f"{said['expert_return']:.2f}", f"{said['random_return']:.2f}"]
-        except InputError:
-            scores = ["-", "-"]
+        env = make_env(name)
         sizes = [env.observation_size, env.action_size, f"±{env.action_limit:g}", env.episode_length]
-        table.add_row(name, *map(str, sizes), *scores)
-        made = getattr(envs.TASKS[name], "keywords", {})  # of a partial: what tells variants of one class apart
-        variant = "; ".join(
-            f"{key} {', '.join([value] if isinstance(value, str) else value)}" for key, value in made.items()
-        )
-        summary = (type(env).__doc__ or "").strip().splitlines()[0]
-        summaries.append(f"{name}: {summary}" + (f" Here: {variant}." if variant else ""))
+        table.add_row(name, *map(str, sizes), *_returns(name))
+        summaries.append(_summary(name, type(env).__doc__ or ""))
     console.print(table)
-    console.print("\n".join(summaries))
-    console.print("[dim]expert: mean true return of the shipped demonstrator, sampled, over 500 episodes[/dim]")
+    console.print("\n".join(summaries), markup=False, highlight=False)
+    say("expert: mean true return of the expert that made the shipped demonstrations, sampled, over 500 episodes")
+
+
+def _returns(task: str) -> list[str]:
+    """True returns of expert and random actions, as text."""
+    try:
+        provenance = demonstrations.provenance(shipped_demonstrations(task))
+    except InputError:
+        return ["-", "-"]
+    return [f"{provenance['expert_return']:.2f}", f"{provenance['random_return']:.2f}"]
+
+
+def _summary(task: str, docstring: str) -> str:
+    """The first line of the task's docstring, and what tells this variant from others of the same class."""
+    arguments = getattr(envs.TASKS[task], "keywords", {})  # of a functools.partial
+    variant = "; ".join(
+        f"{name} {', '.join([value] if isinstance(value, str) else value)}" for name, value in arguments.items()
+    )
+    first_line = docstring.strip().splitlines()[0]
+    return f"{task}: {first_line}" + (f" Here: {variant}." if variant else "")

@@ -16,8 +16,9 @@ from eairl_jax.experiments.display.plots import Curve, figure_of, plot
 from eairl_jax.experiments.paper import results
 from eairl_jax.experiments.pipeline import policies
 from eairl_jax.experiments.pipeline.episodes import play
+from eairl_jax.experiments.pipeline.experiment import transfer_folder_name
 from eairl_jax.experiments.pipeline.result import Result
-from eairl_jax.experiments.pipeline.transfer import learning_path, use_path
+from eairl_jax.experiments.pipeline.run import learning_path
 
 GRID = 70  # points on a side of a heat map
 SHOWN = "eairl-separable"
@@ -86,9 +87,9 @@ DRAWN: dict[str, Callable[[list[Result], Path, Path, tuple[str, ...]], None]] = 
 
 def _run_folders(result: Result, out: Path) -> tuple[Path, Path]:
     """The folder in which a result's reward was learned, and the folder in which it was used."""
-    assert result.target
-    learned = learning_path(out, result.task, result.name, result.settings)
-    return learned, use_path(out, result.task, result.target, result.name, str(result.rule))
+    learning_name = result.name.partition(results.RETRAIN)[0]
+    learned = learning_path(out, result.task, learning_name, result.settings)
+    return learned, out / transfer_folder_name(result.task, str(result.target), result.name, str(result.rule))
 
 
 def maze_paths(folder: Path, transfer: list[Result], out: Path) -> None:
@@ -103,7 +104,7 @@ def maze_paths(folder: Path, transfer: list[Result], out: Path) -> None:
             agents = policies.load(run)
             _draw_reward(axis, agents.env, reward)
             _draw_walls(axis, agents.env)
-            for path in play(agents)[0]:
+            for path in play(agents).qpos:
                 axis.plot(*path.T, color="white", lw=1.2, alpha=0.9)
         axes[0, column].set_title(f"{results.title(result.name)}\n{result.mean:.1f} in the target", fontsize=9)
     path = folder / f"appendix-c-{task}.png"
@@ -137,7 +138,7 @@ def gaits(folder: Path, transfer: list[Result], out: Path) -> None:
     for column, result in enumerate(transfer):
         for axis, place, run in zip(axes[:, column], (task, target), _run_folders(result, out), strict=True):
             agents = policies.load(run)
-            paths, _ = play(agents)
+            paths = play(agents).qpos
             for seed, path in zip(agents.seeds, paths, strict=True):
                 axis.plot(path[:, 0], path[:, 1], label=f"seed {seed}")
             if result is shown:

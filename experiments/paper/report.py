@@ -11,7 +11,7 @@ from eairl_jax.experiments.paper import published, report_figures, report_tables
 from eairl_jax.experiments.paper.claims import VERDICTS, claims, improvements
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, missing
 from eairl_jax.experiments.pipeline.result import Result
-from eairl_jax.experiments.pipeline.run_folder import machine, writable
+from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
 
 PAGE = Path("runs") / "report.html"
 
@@ -33,7 +33,7 @@ def write(results_folder: Path | None = None, out: Path | None = None) -> None:
             f"{folder} holds no results: make some with `eairl reproduce all --quick --results {folder}`, or give "
             "another folder with --results"
         )
-    writable(out)
+    check_writable(out)
     out.write_text(page(results_of, folder), encoding="utf-8")
     console.print(f"{out} shows it in any browser, without a network", soft_wrap=True, markup=False)
 

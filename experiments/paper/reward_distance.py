@@ -17,13 +17,13 @@ import numpy as np
 from scipy import stats
 
 from eairl_jax import Config, Demonstrations, LearnedReward, demonstrations, load_reward, random_policy, reward_function
-from eairl_jax.agent import seen
+from eairl_jax.agent import clip_actions
 from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.pipeline import policies
+from eairl_jax.experiments.pipeline.experiment import shipped_demonstrations
 from eairl_jax.experiments.pipeline.policies import Policies
-from eairl_jax.experiments.pipeline.retrain import best_restarts, tail
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
-from eairl_jax.experiments.pipeline.scores import shipped
+from eairl_jax.experiments.pipeline.stages import best_restarts, last_tenth
 from eairl_jax.experiments.pipeline.train import CLOSENESS, lane_keys
 from eairl_jax.storage import read_json, write_json
 from eairl_jax.types import Key, PyTree
@@ -63,7 +63,7 @@ def walk(key: Key, env: MjxTask, act: Callable[[jax.Array, Key], jax.Array], con
     def step(before, key):
         action = act(before.obs, key)
         after = jax.vmap(env.step)(before, action)  # which clips the action
-        return after, seen(Transitions(before, action, after), env, config)
+        return after, clip_actions(Transitions(before, action, after), env, config)
 
     _, transitions = jax.lax.scan(step, start, jax.random.split(key, env.episode_length))
     return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), transitions)
@@ -116,7 +116,7 @@ def measures(reward: LearnedReward, agents: Policies, env: MjxTask, expert: Demo
       env: the task; that of `agents` or another one.
       expert: demonstrations of the task.
     """
-    expert = seen(expert, env, reward.config)
+    expert = clip_actions(expert, env, reward.config)
     function, act = reward_function(reward.config), agents.algorithm.act
 
     def true(state, action):
@@ -171,16 +171,19 @@ def of_transfer(learned: Path, used: Path) -> dict[str, dict[str, list]]:
         imitating, retrained = policies.load(learned), policies.load(used)
         tasks = {"source": imitating, "target": retrained}
         measured = {
-            place: measures(reward, imitating, there.env, demonstrations.load(shipped(there.task), there.task))
-            for place, there in tasks.items()
+            place: measures(reward, imitating, there.env, _expert(there.task)) for place, there in tasks.items()
         }
         measured["target"]["worth, retrained"] = _final_rewards(used, retrained).tolist()
         write_json(path, measured)
     return read_json(path)
 
 
+def _expert(task: str) -> Demonstrations:
+    return demonstrations.load(shipped_demonstrations(task), task)
+
+
 def _final_rewards(used: Path, retrained: Policies) -> np.ndarray:
     """Mean learned reward `[seeds]` of a step at the end of training, of the policies that were kept."""
     folder, seeds = RunFolder(used, retrained.settings), len(retrained.seeds)
     restarts = retrained.settings["restarts"]
-    return tail(folder.curve("policy_reward", restarts * seeds)[best_restarts(folder, restarts, seeds)])
+    return last_tenth(folder.curve("policy_reward", restarts * seeds)[best_restarts(folder, restarts, seeds)])

@@ -11,24 +11,23 @@ import numpy as np
 
 from eairl_jax import Algorithm, Checkpoints, Config, HParams, InputError, make_rl
 from eairl_jax.envs.mjx_task import MjxTask
-from eairl_jax.experiments.pipeline import algorithms
-from eairl_jax.experiments.pipeline.learn import take_rows
-from eairl_jax.experiments.pipeline.retrain import best_restarts, tail
+from eairl_jax.experiments.pipeline.experiment import make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
-from eairl_jax.experiments.recipes import make_env
+from eairl_jax.experiments.pipeline.stages import best_restarts, last_tenth, make_algorithm
+from eairl_jax.experiments.pipeline.train import take_lanes
 from eairl_jax.storage import read_json
 from eairl_jax.types import PyTree
 
 
 @dataclass(frozen=True)
 class Policies:
-    """One policy a seed.
+    """One policy for each seed.
 
     Attributes:
-      task, env: where they act; of a transfer its target.
-      algorithm: whose `act` they act with.
+      task, env: where the policies act; of a transfer its target.
+      algorithm: its `act` is how they act.
       state: NumPy arrays `[seeds, ...]`.
-      seeds: their numbers.
+      seeds: numbers of the seeds.
       settings: of the run.
     """
 
@@ -40,7 +39,7 @@ class Policies:
     settings: dict
 
     def lane(self, lane: int) -> PyTree:
-        """The state of one of them, as jax arrays."""
+        """The state of one policy, as jax arrays."""
         return jax.tree.map(lambda leaf: jax.numpy.asarray(leaf[lane]), self.state)
 
 
@@ -50,36 +49,49 @@ def load(path: Path) -> Policies:
     Raises:
       InputError: if `path` is no run's folder, or the run is not finished.
     """
+    settings = _finished_settings(path)
+    is_transfer = "retrain_config" in settings
+    prefix = "retrain_" if is_transfer else ""
+    try:
+        seeds, task = settings["seeds"], settings["target" if is_transfer else "task"]
+        config, hparams = Config.from_json(settings[f"{prefix}config"]), HParams(**settings[f"{prefix}hparams"])
+    except (KeyError, TypeError) as e:
+        raise InputError(
+            f"{path}/config.json was written by another version ({e}): repeat the command that made the run"
+        ) from None
+    seeds = list(range(seeds)) if isinstance(seeds, int) else seeds
+    env = make_env(task)
+    is_imitation = "demonstrations" in settings and not is_transfer
+    algorithm = make_algorithm(env, config) if is_imitation else make_rl(env, config)
+    if not (path / "checkpoints" / str(config.iterations)).is_dir():
+        raise InputError(f"{path} has lost its last checkpoint ({config.iterations}), which held its policies")
+    restarts = settings.get("restarts", 1)
+    state = _restore(path, algorithm, config, hparams, restarts * len(seeds))
+    if restarts > 1:
+        state = take_lanes(state, best_restarts(RunFolder(path, settings), restarts, len(seeds)))
+    return Policies(task, env, algorithm, state, seeds, settings)
+
+
+def _finished_settings(path: Path) -> dict:
+    """The settings of a finished run that trained policies."""
     if not (path / "config.json").is_file():
         raise InputError(f"{path} is no run's folder: give one that `eairl expert`, imitate or transfer made")
     settings = read_json(path / "config.json").get("settings", {})
     if not (path / "summary.json").is_file():
-        raise InputError(f"{path} holds no finished run: repeat the command that began it, and it goes on")
+        raise InputError(f"{path} holds no finished run: repeat the command that began the run, and it goes on")
     if "sweep" in settings:
         raise InputError(f"{path} is a sweep: repeat its best point with `eairl imitate`, and give that run")
-    transferred = "retrain_config" in settings
-    prefix = "retrain_" if transferred else ""
-    try:
-        seeds, task = settings["seeds"], settings["target" if transferred else "task"]
-        config, hparams = Config.from_json(settings[f"{prefix}config"]), HParams(**settings[f"{prefix}hparams"])
-    except (KeyError, TypeError) as e:
-        raise InputError(f"{path}/config.json is of another version ({e}): repeat the command that made it") from None
-    seeds = list(range(seeds)) if isinstance(seeds, int) else seeds
-    env = make_env(task)
-    imitated = "demonstrations" in settings and not transferred
-    algorithm = algorithms.make(env, config) if imitated else make_rl(env, config)
-    restarts = settings.get("restarts", 1)
-    keys = jax.random.split(jax.random.PRNGKey(0), restarts * len(seeds))
-    like = jax.eval_shape(jax.vmap(lambda key: algorithm.init(key, hparams)), keys)
-    like = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), like)
     if settings.get("rule", {}).get("kind") == "policy":
-        raise InputError(f"{path} trained no policy, it moved one: give the learn-... folder beside it")
-    if not (path / "checkpoints" / str(config.iterations)).is_dir():
-        raise InputError(f"{path} has lost its last checkpoint ({config.iterations}), where its policies were")
-    state = Checkpoints(path / "checkpoints").restore(config.iterations, like)
-    if restarts > 1:
-        state = take_rows(state, best_restarts(RunFolder(path, settings), restarts, len(seeds)))
-    return Policies(task, env, algorithm, state, seeds, settings)
+        raise InputError(f"{path} trained no policy, it scored one: give the learn-... folder beside it")
+    return settings
+
+
+def _restore(path: Path, algorithm: Algorithm, config: Config, hparams: HParams, lanes: int) -> PyTree:
+    """The states `[lanes, ...]` of the last checkpoint."""
+    keys = jax.random.split(jax.random.PRNGKey(0), lanes)
+    shapes = jax.eval_shape(jax.vmap(lambda key: algorithm.init(key, hparams)), keys)
+    like = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
+    return Checkpoints(path / "checkpoints").restore(config.iterations, like)
 
 
 def best_expert(path: Path, task: str) -> Policies:
@@ -93,8 +105,8 @@ def best_expert(path: Path, task: str) -> Policies:
     experts = load(path)
     if experts.task != task or {"demonstrations", "retrain_config"} & set(experts.settings):
         raise InputError(f"{path} holds no expert of {task}: train one with `eairl expert {task}`")
-    best = int(np.argmax(tail(RunFolder(path, experts.settings).curve("true_return", len(experts.seeds)))))
-    said = experts.settings | {"chosen_seed": best, "chosen_by": "training return of the last tenth"}
-    return dataclasses.replace(
-        experts, state=take_rows(experts.state, np.array([best])), seeds=[experts.seeds[best]], settings=said
-    )
+    returns = last_tenth(RunFolder(path, experts.settings).curve("true_return", len(experts.seeds)))
+    best = int(np.argmax(returns))
+    settings = experts.settings | {"chosen_seed": best, "chosen_by": "training return of the last tenth"}
+    state = take_lanes(experts.state, np.array([best]))
+    return dataclasses.replace(experts, state=state, seeds=[experts.seeds[best]], settings=settings)

@@ -53,6 +53,7 @@ class Result:
       snapshots, source_returns: of `source_retrain`, the iterations it compared, and `[snapshots, seeds]` true
         returns in the source.
       retrain_settings: how policies were trained in the target.
+      saturated_lanes: lanes whose discriminator was right about nearly everything in most iterations.
       closeness: distances between the learned and the true reward, by task (`paper.reward_distance`).
       curve: true return while training: {"env_steps": [points], "true_return": [seeds][points]}.
       machine: versions and devices (`run_folder.machine`).
@@ -81,6 +82,7 @@ class Result:
     snapshots: list[int] = field(default_factory=list)
     source_returns: list[list[float]] = field(default_factory=list)
     retrain_settings: dict[str, Any] | None = None
+    saturated_lanes: list[str] = field(default_factory=list)
     closeness: dict[str, dict] | None = None
     curve: dict[str, list] | None = None
     machine: dict[str, Any] | None = None

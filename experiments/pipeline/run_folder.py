@@ -1,4 +1,4 @@
-"""A run's folder: which run it belongs to, what it holds, and the metrics it gathers."""
+"""A run's folder: which run it belongs to, what it holds, and the metrics that it gathers."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ import hashlib
 import json
 import os
 import platform
+import resource
 import shutil
+import sys
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import filelock
 import jax
 import numpy as np
 
 from eairl_jax import InputError
-from eairl_jax.experiments.recipes import SETTINGS
+from eairl_jax.experiments.settings import SETTINGS
 from eairl_jax.storage import read_json, write_json
 
 MINIMUM_FREE_BYTES = 50_000_000
@@ -29,12 +32,12 @@ PACKAGES = ("eairl-jax", "jax", "brax", "mujoco", "mujoco-mjx", "flax", "optax",
 class RunFolder:
     """The folder of one run.
 
-    Opening it claims it: `config.json` is written the first time and must agree ever after, so that a command only
-    ever goes on with its own run.
+    The first run that opens a folder claims it: `config.json` is written and must agree whenever the folder is opened
+    again. So a command only ever goes on with its own run.
 
     Args:
-      path: created if it is not there.
-      settings: everything that makes this run this run; JSON values.
+      path: created if it does not exist.
+      settings: everything that makes this run different from any other; JSON values.
 
     Raises:
       InputError: if the folder belongs to a different run, or cannot be written.
@@ -50,21 +53,26 @@ class RunFolder:
         except OSError as e:
             raise InputError(f"cannot write to {self.path} ({e.strerror}): choose another folder with --out") from None
         if shutil.disk_usage(self.path).free < MINIMUM_FREE_BYTES:
-            raise InputError(f"the disk of {self.path} has less than {MINIMUM_FREE_BYTES // 10**6} MB free")
+            raise InputError(
+                f"the disk of {self.path} has less than {MINIMUM_FREE_BYTES // 10**6} MB free: free some space, or "
+                "choose another folder with --out"
+            )
         config = self.path / "config.json"
         if config.exists():
             _refuse_different(self.path, read_json(config), settings)
         elif any(self.path.iterdir()):
-            raise InputError(f"{self.path} holds files but no config.json: it is no run's folder; choose another --out")
+            raise InputError(
+                f"{self.path} holds files but no config.json, so it is no run's folder: choose another with --out"
+            )
         else:
             write_json(config, {"settings": settings, "machine": machine()})
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """While it holds, no other process trains in the folder: two would mix their metrics and checkpoints.
+        """Keeps other processes from training in the folder: they would mix their metrics and checkpoints.
 
         Raises:
-          InputError: if one does already.
+          InputError: if another process is training in the folder.
         """
         try:
             with filelock.FileLock(self.path / ".lock", timeout=0):
@@ -75,7 +83,7 @@ class RunFolder:
             ) from None
 
     def summary(self) -> dict | None:
-        """What the finished run wrote, or None."""
+        """What the finished run wrote, or None if the run is not finished."""
         path = self.path / "summary.json"
         return read_json(path) if path.exists() else None
 
@@ -84,45 +92,68 @@ class RunFolder:
         write_json(self.path / "summary.json", summary)
 
     def seconds(self) -> dict[str, float]:
-        """Compile and run seconds so far, over every session of this run and of the phases in its folder."""
+        """Seconds of compiling and running so far, over all sessions of this run and of the phases in its folder."""
         total = {"compile_seconds": 0.0, "run_seconds": 0.0}
         for path in self.path.rglob("seconds.json"):
-            total = {name: before + read_json(path)[name] for name, before in total.items()}
+            phase = read_json(path)
+            total = {name: seconds + phase[name] for name, seconds in total.items()}
         return total
 
-    def add_seconds(self, **more: float) -> None:
-        """Adds to this folder's own part of `seconds`."""
+    def add_seconds(self, compile_seconds: float = 0.0, run_seconds: float = 0.0) -> None:
+        """Adds to this folder's part of `seconds`."""
         path = self.path / "seconds.json"
-        own = read_json(path) if path.exists() else {"compile_seconds": 0.0, "run_seconds": 0.0}
-        write_json(path, {name: before + more.get(name, 0.0) for name, before in own.items()})
+        before = read_json(path) if path.exists() else {"compile_seconds": 0.0, "run_seconds": 0.0}
+        more = {"compile_seconds": compile_seconds, "run_seconds": run_seconds}
+        write_json(path, {name: seconds + more[name] for name, seconds in before.items()})
 
-    def append_metrics(self, first_iteration: int, steps: int, labels: list[dict], metrics: dict) -> None:
-        """Adds a chunk to `metrics.csv`, a row a lane and iteration; rows from a later, lost chunk are dropped.
+    # Metrics ---------------------------------------------------------------------------------------------------------
+
+    def append_metrics(
+        self, first_iteration: int, steps: int, labels: list[dict], metrics: dict[str, np.ndarray]
+    ) -> None:
+        """Appends a chunk to `metrics.csv`: a line for each lane and iteration.
 
         Args:
           first_iteration: iterations done before this chunk.
-          steps: environment steps an iteration.
+          steps: environment steps of an iteration.
           labels: what tells the lanes apart, for example {"seed": 0}.
           metrics: NumPy arrays `[lanes, length]`.
         """
         path, names = self.path / "metrics.csv", sorted(metrics)
-        header = [*labels[0], "iteration", "env_steps", *names]
-        rows = [row for row in self.metrics() if int(row["iteration"]) <= first_iteration]
         length = next(iter(metrics.values())).shape[1]
-        for t in range(length):
-            done = first_iteration + t + 1
-            for lane, label in enumerate(labels):
-                values = {name: f"{metrics[name][lane, t]:.6g}" for name in names}
-                rows.append(label | {"iteration": done, "env_steps": done * steps} | values)
+        is_new = not path.exists()
+        with open(path, "a", newline="", encoding="utf-8") as f:
+            writer = csv.writer(f)
+            if is_new:
+                writer.writerow([*labels[0], "iteration", "env_steps", *names])
+            for t in range(length):
+                iteration = first_iteration + t + 1
+                for lane, label in enumerate(labels):
+                    values = (f"{metrics[name][lane, t]:.6g}" for name in names)
+                    writer.writerow([*label.values(), iteration, iteration * steps, *values])
+
+    def keep_metrics(self, count: int) -> None:
+        """Keeps the first `count` lines of `metrics.csv`: later ones are of a chunk whose checkpoint was never written.
+
+        The last of the dropped lines may be torn; the kept ones are whole, since a checkpoint follows its metrics.
+        """
+        path = self.path / "metrics.csv"
+        if not path.exists():
+            return
+        with open(path, newline="", encoding="utf-8") as f:
+            lines = f.readlines()
+        if len(lines) == count + 1:
+            return
+        if count == 0:
+            path.unlink()
+            return
         unfinished = path.with_name("metrics.csv.part")
         with open(unfinished, "w", newline="", encoding="utf-8") as f:
-            writer = csv.DictWriter(f, header)
-            writer.writeheader()
-            writer.writerows(rows)
+            f.writelines(lines[: count + 1])
         os.replace(unfinished, path)
 
-    def metrics(self) -> list[dict]:
-        """The rows of `metrics.csv`, as text."""
+    def metrics(self) -> list[dict[str, str]]:
+        """The lines of `metrics.csv`, as text."""
         path = self.path / "metrics.csv"
         if not path.exists():
             return []
@@ -131,33 +162,33 @@ class RunFolder:
 
     def curve(self, name: str, lanes: int) -> np.ndarray:
         """One metric as `[lanes, iterations]`."""
-        values = np.array([float(row[name]) for row in self.metrics()])
+        values = np.array([float(line[name]) for line in self.metrics()])
         return values.reshape(-1, lanes).T
 
 
-def writable(path: Path) -> None:
-    """Makes the folder of a file that is going to be written.
+def check_writable(path: Path) -> None:
+    """Makes the folder of a file that is going to be written. It is better to fail before the file is computed.
 
     Raises:
-      InputError: if the file cannot be written there; better said before it is computed.
+      InputError: if the file cannot be written.
     """
-    there = path.exists()
+    is_there = path.exists()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with open(path, "a"):
             pass
-        if not there:
+        if not is_there:
             path.unlink()
     except OSError as e:
         raise InputError(f"cannot write {path} ({e.strerror}): choose another file") from None
 
 
-def digest(settings: dict) -> str:
+def settings_digest(settings: dict) -> str:
     """Six characters that tell these settings from others, for the name of a folder."""
     return hashlib.sha256(json.dumps(_essential(settings), sort_keys=True, default=str).encode()).hexdigest()[:6]
 
 
-def machine() -> dict:
+def machine() -> dict[str, Any]:
     """Versions and device behind a result."""
     return {
         "date": datetime.date.today().isoformat(),
@@ -168,27 +199,36 @@ def machine() -> dict:
     }
 
 
+def peak_memory_gb() -> float:
+    """The most memory that this process has held, in GB."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
+
+
 def _refuse_different(path: Path, content: dict, settings: dict) -> None:
     before, now = _essential(content.get("settings", {})), _essential(settings)
     different = [name for name in sorted(before | now) if before.get(name) != now.get(name)]
     if different:
-        there, here = ({name: _default(name) for name in different} | flat for flat in (before, now))
+        defaults = {name: _default(name) for name in different}
+        there, here = defaults | before, defaults | now
         shown = "; ".join(f"{name}: there {there[name]!r}, here {here[name]!r}" for name in different[:4])
-        raise InputError(f"{path} belongs to a different run ({shown}). Choose another --out, or remove that folder")
+        raise InputError(
+            f"{path} belongs to a different run ({shown}): choose another folder with --out, or remove that folder"
+        )
 
 
 def _essential(settings: dict) -> dict:
-    """The settings, flat, without those of training that have their default.
+    """The settings as one flat dict, without those that have their default.
 
-    So a setting that is new in this version leaves a run of an older one the run that it was.
+    A setting that is new in this version is thus absent both here and in the `config.json` of an older version's run.
     """
     return {name: value for name, value in _flat(settings).items() if value is None or value != _default(name)}
 
 
-def _default(name: str):
-    """The default of a flat setting of training, `config.hidden` or `retrain_hparams.gamma`; None of any other."""
-    group, _, own = name.rpartition(".")
-    default = SETTINGS.get(own) if group.endswith(("config", "hparams")) else None
+def _default(name: str) -> Any:
+    """The default of a flat setting of training (`config.hidden`, `retrain_hparams.gamma`), None of any other."""
+    group, _, setting = name.rpartition(".")
+    default = SETTINGS.get(setting) if group.endswith(("config", "hparams")) else None
     return list(default) if isinstance(default, tuple) else default
 
 

@@ -1,4 +1,4 @@
-"""The host's side of training: chunks, checkpoints between them, metrics, progress, and going on after a kill."""
+"""The host's side of training: chunks, checkpoints between them, metrics, progress, going on after a kill, scores."""
 
 from __future__ import annotations
 
@@ -9,44 +9,46 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from eairl_jax import Algorithm, Checkpoints, Lanes, evaluate
 from eairl_jax.envs.mjx_task import MjxTask
+from eairl_jax.experiments.display.console import console, say
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
-from eairl_jax.experiments.recipes import Recipe
-from eairl_jax.types import PyTree
+from eairl_jax.experiments.settings import Recipe
+from eairl_jax.types import Key, PyTree
 
-console = Console()
 RUNS = Path("runs")
 EVALUATION_EPISODES = 100
 
 # Phases of an experiment, for `lane_keys`.
 LEARN, RETRAIN, SOURCE_RETRAIN, EVALUATE, CLOSENESS = range(5)
 
+# What tells a lane from the others: its seed, its restart, its point of a sweep, ...
+Lane = dict[str, float]
+
 
 class Diverged(RuntimeError):
-    """A metric became NaN or infinite; the message says which, where, and what is kept."""
+    """A metric became NaN or infinite. The message says which metric, where, and what is kept."""
 
 
-def say(message: str) -> None:
-    """A remark to the user: dim, and never wrapped, so that paths can be copied."""
-    console.print(message, style="dim", markup=False, soft_wrap=True, highlight=False)
-
-
-def lane_keys(phase: int, *numbers: Sequence[int]) -> jax.Array:
-    """One random key a lane, `[lanes]`, from all that tells it apart.
+def lane_keys(phase: int, *numbers: Sequence[float]) -> Key:
+    """One random key for each lane, `[lanes]`, from everything that tells the lane apart.
 
     Args:
-      phase: of the experiment; each draws its own random numbers.
-      numbers: of every lane, for example its seed, and its restart.
+      phase: of the experiment; each phase draws other random numbers.
+      numbers: sequences of one length: the lanes' seeds, and for example their restarts.
     """
 
-    def key(*own):
-        return functools.reduce(jax.random.fold_in, own, jax.random.PRNGKey(phase))
+    def key(*lane_numbers):
+        return functools.reduce(jax.random.fold_in, lane_numbers, jax.random.PRNGKey(phase))
 
     return jax.vmap(key)(*(np.asarray(each) for each in numbers))
+
+
+def take_lanes(tree: PyTree, lanes: np.ndarray | Sequence[int]) -> PyTree:
+    """The given lanes of every leaf `[lanes, ...]`, as NumPy arrays."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[lanes], tree)
 
 
 def train(
@@ -54,18 +56,18 @@ def train(
     title: str,
     lanes: Lanes,
     recipe: Recipe,
-    labels: list[dict],
+    labels: list[Lane],
     on_snapshot: Callable[[int, PyTree], None] | None = None,
 ) -> PyTree:
     """Trains all lanes to the end of the recipe, going on from the folder's last checkpoint.
 
-    A chunk is `recipe.snapshot_every` iterations of one compiled program. After it: its metrics, its snapshot,
-    then its checkpoint, so that whatever a checkpoint claims to have been done is on disk.
+    A chunk is `recipe.snapshot_every` iterations of one compiled program. After a chunk its metrics are written, then
+    its snapshot, then its checkpoint. So everything that a checkpoint claims to have been done is on disk.
 
     Args:
-      title: of the progress bar.
+      title: what the progress bar shows.
       labels: what tells the lanes apart in `metrics.csv`.
-      on_snapshot: given `(iteration, state)` after each chunk, the state as NumPy arrays `[lanes, ...]`.
+      on_snapshot: called with `(iteration, state)` after each chunk, the state as NumPy arrays `[lanes, ...]`.
 
     Returns:
       The final state, NumPy arrays `[lanes, ...]`.
@@ -75,94 +77,113 @@ def train(
       InputError: if another process is training in the folder.
     """
     with folder.locked():
-        config, chunk = recipe.config, recipe.snapshot_every
+        iterations, chunk = recipe.config.iterations, recipe.snapshot_every
         checkpoints = Checkpoints(folder.path / "checkpoints")
         state = lanes.init()
         done = checkpoints.latest() or 0
         if done:
             state = lanes.put(checkpoints.restore(done, lanes.take(state)))
-            say(f"{title}: going on from iteration {done} of {config.iterations}")
-        if done >= config.iterations:
+            say(f"{title}: going on from iteration {done} of {iterations}")
+        if done >= iterations:
             return lanes.take(state)
+        folder.keep_metrics(done * len(labels))
         with console.status(f"{title}: compiling"):
             compile_seconds = lanes.compile(state, chunk)
         folder.add_seconds(compile_seconds=compile_seconds)
-        with _progress() as progress:
-            task = progress.add_task(title, total=config.iterations, completed=done, rate="", score="")
-            while done < config.iterations:
+        with _Report(title, recipe, len(labels), done) as report:
+            while done < iterations:
                 started = time.perf_counter()
                 state, metrics = lanes.run(state, chunk)
-                taken = time.perf_counter() - started
+                seconds = time.perf_counter() - started
                 _refuse_nan(metrics, done, labels, checkpoints.latest())
                 snapshot = lanes.take(state)
-                folder.append_metrics(done, config.steps_per_iteration, labels, metrics)
+                folder.append_metrics(done, recipe.config.steps_per_iteration, labels, metrics)
                 done += chunk
                 if on_snapshot:
                     on_snapshot(done, snapshot)
                 checkpoints.save(done, snapshot)
-                folder.add_seconds(run_seconds=taken)
-                rate = f"{len(labels) * chunk * config.steps_per_iteration / taken:,.0f} env steps/s"
-                ended = metrics["true_return"][:, -5:]
-                ended = ended[np.isfinite(ended)]
-                score = f"true return {ended.mean():.2f}" if ended.size else ""
-                progress.update(task, completed=done, rate=rate, score=score)
-                if not console.is_terminal:
-                    console.print(f"{title}: iteration {done}/{config.iterations}  {rate}  {score}", soft_wrap=True)
+                folder.add_seconds(run_seconds=seconds)
+                report.update(done, seconds, metrics["true_return"])
         say(f"{title}: compiled in {compile_seconds:.1f} s")
         return lanes.take(state)
+
+
+class _Report:
+    """Shows how far a training is: a bar in a terminal, a line for each chunk elsewhere."""
+
+    def __init__(self, title: str, recipe: Recipe, lanes: int, done: int):
+        self._title, self._iterations = title, recipe.config.iterations
+        self._steps = lanes * recipe.snapshot_every * recipe.config.steps_per_iteration
+        self._progress = Progress(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(),
+            TextColumn("{task.completed}/{task.total} iterations"),
+            TextColumn("{task.fields[rate]}"),
+            TextColumn("{task.fields[score]}"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self._task = self._progress.add_task(title, total=self._iterations, completed=done, rate="", score="")
+
+    def __enter__(self) -> _Report:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_exception) -> None:
+        self._progress.stop()
+
+    def update(self, done: int, seconds: float, true_return: np.ndarray) -> None:
+        """Shows a finished chunk; `true_return` is `[lanes, chunk]`."""
+        rate = f"{self._steps / seconds:,.0f} env steps/s"
+        last = true_return[:, -5:]
+        last = last[np.isfinite(last)]
+        score = f"true return {last.mean():.2f}" if last.size else ""
+        self._progress.update(self._task, completed=done, rate=rate, score=score)
+        if not console.is_terminal:
+            console.print(f"{self._title}: iteration {done}/{self._iterations}  {rate}  {score}", soft_wrap=True)
+
+
+def _refuse_nan(metrics: dict[str, np.ndarray], done: int, labels: list[Lane], kept: int | None) -> None:
+    """Raises `Diverged` if a metric `[lanes, chunk]` holds NaN or infinity; `kept` is the last checkpoint."""
+    for name, values in metrics.items():
+        # No episode may have ended yet, and then the true return is NaN.
+        bad = np.isinf(values) if name == "true_return" else ~np.isfinite(values)
+        if bad.any():
+            lane, t = np.argwhere(bad)[np.argwhere(bad)[:, 1].argmin()]
+            where = ", ".join(f"{label} {value}" for label, value in labels[lane].items())
+            checkpoint = f"the checkpoint of iteration {kept} is kept" if kept else "no checkpoint was written yet"
+            raise Diverged(
+                f"{name} became {values[lane, t]} at iteration {done + t + 1} ({where}); {checkpoint}. "
+                "Try a lower learning rate (--set policy_lr=..., discriminator_lr=...) in a new --out"
+            )
 
 
 def final_returns(
     env: MjxTask,
     algorithm: Algorithm,
     state: PyTree,
-    seeds: Sequence[int],
+    seeds: Sequence[float],
     episodes: int | None = None,
     sampled: bool = True,
 ) -> np.ndarray:
-    """True returns `[lanes, episodes]` of every lane's policy over fresh whole episodes (100 unless told).
+    """True returns `[lanes, episodes]` of every lane's policy over fresh whole episodes.
 
-    The episodes are a matter of the lane's seed alone, so that a policy's score never depends on its neighbours.
+    The episodes depend on the lane's seed alone, so a policy's score never depends on the lanes beside it.
+
+    Args:
+      episodes: `EVALUATION_EPISODES` if None.
+      sampled: whether the policy samples its actions or takes its mean action.
     """
     episodes = episodes or EVALUATION_EPISODES
 
-    def one(state, key):
-        act = lambda obs, key: algorithm.act(state, obs, key if sampled else None)  # noqa: E731
+    def lane_returns(state, key):
+        def act(obs, key):
+            return algorithm.act(state, obs, key if sampled else None)
+
         return evaluate(key, env, act, episodes, env.episode_length)[0]
 
     state = jax.tree.map(jax.numpy.asarray, state)
-    return np.asarray(jax.jit(jax.vmap(one))(state, lane_keys(EVALUATE, seeds)))
-
-
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("[bold]{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed}/{task.total} iterations"),
-        TextColumn("{task.fields[rate]}"),
-        TextColumn("{task.fields[score]}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=console,
-        disable=not console.is_terminal,
-    )
-
-
-def _refuse_nan(metrics: dict, done: int, labels: list[dict], kept: int | None) -> None:
-    for name, values in metrics.items():
-        # No episode may have ended yet, and then there is no true return.
-        bad = np.isinf(values) if name == "true_return" else ~np.isfinite(values)
-        if bad.any():
-            lane, t = np.argwhere(bad)[np.argwhere(bad)[:, 1].argmin()]
-            where = ", ".join(f"{k} {v}" for k, v in labels[lane].items())
-            last = f"the checkpoint of iteration {kept} is kept" if kept else "no checkpoint had been written yet"
-            raise Diverged(
-                f"{name} became {values[lane, t]} at iteration {done + t + 1} ({where}); {last}. "
-                "Try a lower learning rate (--set policy_lr=..., discriminator_lr=...) in a new --out"
-            )
-
-
-def default_out(name: str) -> Path:
-    """Where a run goes unless the user says otherwise."""
-    return RUNS / name
+    return np.asarray(jax.jit(jax.vmap(lane_returns))(state, lane_keys(EVALUATE, seeds)))

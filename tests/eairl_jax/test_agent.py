@@ -17,7 +17,7 @@ def test_an_iteration_ends_with_the_statistics_of_what_was_seen(toy, tiny, mode)
     acting, raw = agent.collect(jax.random.PRNGKey(1), start, env, optimizer, config)
     jax.tree.map(np.testing.assert_array_equal, acting.obs_stats, start.obs_stats)
     assert raw.obs.shape == (6, 4, 4)
-    after = agent.finish(acting, acting.policy, raw, config)
+    after = agent.end_iteration(acting, acting.policy, raw, config)
     assert after.iteration == 1
     seen = np.asarray(raw.obs).reshape(-1, 4)
     mean, var = (seen.mean(axis=0), seen.var(axis=0)) if mode == "running" else (np.zeros(4), np.ones(4))
@@ -31,7 +31,7 @@ def test_both_ends_of_a_transition_stand_behind_one_normaliser_and_the_policy_to
     acting = agent.init(jax.random.PRNGKey(0), toy(), optimizer, config)
     stats = acting.obs_stats.replace(mean=jnp.arange(4.0), var=jnp.full(4, 4.0))
     acting, x = acting.replace(obs_stats=stats), jax.tree.map(jnp.asarray, transitions())
-    normalized = agent.normalized(acting, x)
+    normalized = agent.normalize_obs(acting, x)
     np.testing.assert_allclose(normalized.obs, (x.obs - np.arange(4)) / 2, atol=1e-5)
     np.testing.assert_allclose(normalized.next_obs, (x.next_obs - np.arange(4)) / 2, atol=1e-5)
     for name in ("action", "log_prob", "reward", "terminated", "truncated"):

@@ -143,7 +143,7 @@ def test_fit_learns_to_tell_the_expert_from_the_policy(made, samples, method):
     length = 3 if method == "gan_gcl" else 1
     expert = samples(1, length)._replace(action=samples(1, length).action + 2.0)
     minibatches = jax.tree.map(lambda x: jnp.repeat(x[None], 100, axis=0), (expert, samples(2, length)))
-    fitted, seen = train_state.start(params), []
+    fitted, seen = train_state.init(params), []
     for _ in range(2):
         fitted, metrics = discriminator.fit(fitted, *minibatches, HParams(discriminator_lr=1e-2), config)
         seen.append(metrics)
@@ -225,7 +225,7 @@ def test_input_sparsity_leaves_a_reward_the_inputs_that_tell_the_expert(made, sa
     for weight, penalties in ((0.0, ()), (0.1, ("input_sparsity",))):
         config, params = made(reward_form="s", shaping="none", penalties=penalties)
         hparams = HParams(discriminator_lr=1e-2, input_sparsity=weight)
-        fitted, _ = discriminator.fit(train_state.start(params), *minibatches, hparams, config)
+        fitted, _ = discriminator.fit(train_state.init(params), *minibatches, hparams, config)
         slope = jax.vmap(jax.grad(lambda o: discriminator.reward(fitted.params, o, jnp.zeros(2), config)))  # noqa: B023
         sizes = jnp.sqrt(jnp.mean(slope(policy.obs.reshape(-1, 4)) ** 2, axis=0))
         shares[weight] = float(sizes[0] / sizes.sum())

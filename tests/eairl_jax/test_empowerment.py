@@ -48,7 +48,7 @@ def test_phi_becomes_the_channels_capacity_and_pi_achieves_it():
         def l_q(logits):
             return -(joint * jax.nn.log_softmax(logits, axis=1)).sum()
 
-        inverse = train_state.descend(inverse, jax.grad(l_q)(inverse.params), 0.02)
+        inverse = train_state.adam_step(inverse, jax.grad(l_q)(inverse.params), 0.02)
         log_q = jax.nn.log_softmax(inverse.params, axis=1)
 
         def l_i(tables):
@@ -56,11 +56,11 @@ def test_phi_becomes_the_channels_capacity_and_pi_achieves_it():
             phi = tables["phi"][:, None, None]
             return (joint * empowerment.l_i(log_q, log_pi, phi, 1.0, 2)).sum()
 
-        return (inverse, train_state.descend(tables, jax.grad(l_i)(tables.params), 0.02)), None
+        return (inverse, train_state.adam_step(tables, jax.grad(l_i)(tables.params), 0.02)), None
 
     start = (
-        train_state.start(0.1 * jnp.sin(1.0 + index + jnp.arange(3))),
-        train_state.start({"pi": jnp.zeros((3, 3)), "phi": jnp.zeros(3)}),
+        train_state.init(0.1 * jnp.sin(1.0 + index + jnp.arange(3))),
+        train_state.init({"pi": jnp.zeros((3, 3)), "phi": jnp.zeros(3)}),
     )
     (_, tables), _ = jax.jit(lambda s: jax.lax.scan(update, s, length=3000))(start)
     for s, channel in enumerate(CHANNELS):

@@ -170,7 +170,7 @@ def test_the_discriminator_is_shown_transitions_or_whole_episodes(tiny, transiti
         *(jnp.arange(3 * 5 * n).reshape(3, 5, *tail) for n, *tail in ((4, 4), (2, 2), (4, 4), (1,), (1,)))
     )
     past = replay.add(jax.random.PRNGKey(0), replay.empty(4, 2, config), raw, config)
-    drawn = discriminator_data.draw(jax.random.PRNGKey(0), demos, past, raw, config)
+    drawn = discriminator_data.draw_minibatches(jax.random.PRNGKey(0), demos, past, raw, config)
     for given, episodes in zip(drawn, (demos.obs, raw.obs.swapaxes(0, 1)), strict=True):
         assert given.obs.shape == (2, batch, length, 4)
         pieces = {tuple(piece) for piece in np.asarray(given.obs).reshape(2 * batch, -1)}
@@ -234,7 +234,7 @@ def test_the_shaping_by_phi_is_a_constant_of_the_phi_and_the_discount_asked_for(
     config, emp, acting, raw, x, pi = untrained(**changes)
 
     def shaping(emp):
-        return discriminator_data.prepare(raw, pi, emp, acting, HPARAMS, config, scoring=scoring)
+        return discriminator_data.for_loss(raw, pi, emp, acting, HPARAMS, config, scoring=scoring)
 
     given = shaping(emp)
     next_phi = emp.phi.params if scoring and "policy_phi" in changes else emp.phi_target

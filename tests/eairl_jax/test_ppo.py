@@ -48,7 +48,7 @@ def test_the_first_step_is_the_plain_policy_gradient(problem, mlp):
 
     def reinforce(nets):
         params = policy.nets.params | nets
-        pi = optimizer.distribution(policy.replace(nets=train_state.start(params)), batch.obs)
+        pi = optimizer.distribution(policy.replace(nets=train_state.init(params)), batch.obs)
         return -(advantage * pi.log_prob(batch.action)).mean()
 
     gradient = jax.grad(reinforce)({"actor": policy.nets.params["actor"]})["actor"]

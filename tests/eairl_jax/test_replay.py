@@ -33,7 +33,7 @@ def drawn():
 
     def draw(filled, updates, batch, length=1):
         return jax.tree.map(
-            np.asarray, replay.draw(jax.random.PRNGKey(0), *filled[:2], updates, batch, length, filled[2])
+            np.asarray, replay.draw_segments(jax.random.PRNGKey(0), *filled[:2], (updates, batch, length), filled[2])
         )
 
     return draw

@@ -52,7 +52,7 @@ def test_every_part_touches_the_floor(task, fidelity):
     mujoco.mj_forward(env.model, data)
     touching = {env.model.geom(g).name for contact in data.contact for g in contact.geom}
     assert touching == {env.model.geom(g).name for g in range(env.model.ngeom)}
-    assert len(data.contact) == len(env._floor.geom) == 25  # a torso and twelve capsules of two ends
+    assert len(data.contact) == len(env._constraints.geom) == 25  # a torso and twelve capsules of two ends
 
 
 def test_being_near_the_ground_costs_one():
@@ -68,7 +68,10 @@ def test_being_near_the_ground_costs_one():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        (dict(crippled=("middle_leg",)), "crippled = middle_leg: no such leg; the ant has front_left_leg, front_right"),
+        (
+            dict(crippled=("middle_leg",)),
+            "crippled = middle_leg: unknown leg; expected names from front_left_leg, front_right",
+        ),
         (dict(crippled=("back_leg",), length=-0.5), r"length = -0.5: expected a share .* from 0.01"),
         (dict(crippled=("back_leg",), length=float("nan")), "length = nan"),
         (dict(crippled=("back_leg",), gear=-1.0), "gear = -1.0: expected N m, from 0 to 1000"),

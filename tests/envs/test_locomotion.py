@@ -1,4 +1,4 @@
-"""Steps of the walkers and the swimmer against Gymnasium's environments and the C engine."""
+"""Steps of the walkers and the swimmer, compared with Gymnasium's environments and with the C engine."""
 
 import contextlib
 import re
@@ -7,27 +7,28 @@ from types import SimpleNamespace
 
 import gymnasium
 import jax
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
 
 from eairl_jax import envs
-from eairl_jax.envs.mjx_task import Physics
+from eairl_jax.envs import c_engine
 
 STEPS, EPISODE = 400, 40
 TASKS = ("ant", "crippled_ant", "half_cheetah", "swimmer")
+# Two legs of the crippled ant are sound, so its steps are a test of the ant's too, and of one program less.
+STEPPED = ("crippled_ant", "half_cheetah", "swimmer")
 
 
 def gymnasiums(task, folder):
-    """Gymnasium's environment of a task: with its own model, or for the ants (whose motors differ) with ours."""
+    """Gymnasium's environment of a task, with Gymnasium's model; for the ants, whose motors differ, with the task's."""
     if "ant" not in task:
         with contextlib.chdir(folder):  # mujoco 4 logs there that the cheetah's model is of an old style
             return gymnasium.make({"half_cheetah": "HalfCheetah-v5", "swimmer": "Swimmer-v5"}[task]).unwrapped
-    return envs.make(task, fidelity="exact").referee()._env
+    return c_engine.make(envs.make(task, fidelity="exact")).env
 
 
-@pytest.fixture(scope="module", params=TASKS)
+@pytest.fixture(scope="module", params=STEPPED)
 def played(request, tmp_path_factory):
     """Episodes of random actions in Gymnasium's environment, every fourth from any orientation or angle."""
     env = gymnasiums(request.param, tmp_path_factory.mktemp("log"))
@@ -57,26 +58,15 @@ def played(request, tmp_path_factory):
     return SimpleNamespace(task=request.param, dt=env.dt, **columns)
 
 
-def step(env, states):
-    """`(obs, reward)` of one step of ours from each `(qpos, qvel, warmstart, action)`."""
-
-    def one(qpos, qvel, warmstart, action):
-        state = env.reset(jax.random.PRNGKey(0)).replace(pipeline_state=Physics(qpos, qvel, warmstart))
-        state = env.step(state, action)
-        return state.obs, state.reward
-
-    return jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(*(jnp.asarray(x, jnp.float32) for x in states)))
-
-
-def test_exact_steps_and_rewards_are_gymnasiums(played):
-    env = envs.make(played.task, fidelity="exact")
-    np.testing.assert_allclose(env.dt, played.dt)
-    obs, reward = step(env, (played.qpos, played.qvel, played.warmstart, played.action))
-    error = np.abs(obs - played.obs).max(axis=-1)
+def test_exact_steps_and_rewards_are_gymnasiums(played, compiled_step):
+    step = compiled_step(played.task, "exact")
+    np.testing.assert_allclose(step.env.dt, played.dt)
+    after = step(played.qpos, played.qvel, played.warmstart, played.action)
+    error = np.abs(after.obs - played.obs).max(axis=-1)
     # Measured: 1.5e-5 and 3e-4. A float32 on the other side of a contact's margin turns a few steps of the ants.
     assert np.median(error) < 1e-4
     assert np.quantile(error, 0.99) < 0.01
-    assert np.quantile(np.abs(reward - played.reward), 0.99) < 1e-3
+    assert np.quantile(np.abs(after.reward - played.reward), 0.99) < 1e-3
     if "ant" not in played.task:
         assert error.max() < 0.01
 
@@ -97,11 +87,12 @@ def experts(env, task):
     return [np.array(column) for column in zip(*run, strict=True)]
 
 
-def test_fast_steps_are_the_c_engines_on_the_same_model(played):
-    env = envs.make(played.task)
+def test_fast_steps_are_the_c_engines_on_the_same_model(played, compiled_step):
+    step = compiled_step(played.task)
+    env = step.env
     drawn = (played.qpos, played.qvel, played.warmstart, played.action)
     states = [np.concatenate(pair) for pair in zip(drawn, experts(env, played.task), strict=True)]
-    obs, _ = step(env, states)
+    obs = step(*states).obs
     data, expected, contacts = mujoco.MjData(env.model), [], 0
     assert (env.model.opt.iterations, env.model.opt.tolerance) == (100, 1e-8)
     for qpos, qvel, warmstart, action in zip(*states, strict=True):
@@ -112,10 +103,10 @@ def test_fast_steps_are_the_c_engines_on_the_same_model(played):
     expected = np.array(expected)
     error = (np.abs(obs - expected) / expected.std(axis=0)).max(axis=-1)
     # In standard deviations of the worst observation. Measured: medians 2e-6; 95 % of the ants' 0.14, others' 1e-5.
-    for own in (error[:STEPS], error[STEPS:]):  # of random actions, of the expert
-        assert np.median(own) < 1e-4
-        assert np.quantile(own, 0.95) < (0.3 if "ant" in played.task else 1e-3)
-    assert contacts <= env.fidelity.contacts  # no contact went without a row
+    for errors in (error[:STEPS], error[STEPS:]):  # of random actions, of the expert
+        assert np.median(errors) < 1e-4
+        assert np.quantile(errors, 0.95) < (0.3 if "ant" in played.task else 1e-3)
+    assert contacts <= env.fidelity.max_contacts  # every contact got its rows
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -167,18 +158,7 @@ def test_the_docstrings_tables_are_the_models(task, fidelity):
         assert motor[2] == f"{gear:g} N m" or gear == 1.0  # a crippled leg's
 
 
-def test_a_step_is_clipped_scored_and_never_the_last():
-    env = envs.make("swimmer")
-    state = env.reset(jax.random.PRNGKey(0))
-    once, clipped = (jax.jit(env.step)(state, jnp.array(action)) for action in ([1.0, -1.0], [5.0, -9.0]))
-    np.testing.assert_array_equal(once.obs, clipped.obs)
-    np.testing.assert_array_equal(once.reward, clipped.reward)
-    moved = once.pipeline_state.qpos[0] - state.pipeline_state.qpos[0]
-    np.testing.assert_allclose(once.reward, moved / 0.04 - 1e-4 * 2, atol=1e-6)
-    assert (env.episode_length, once.done) == (500, 0.0)
-
-
-@pytest.mark.parametrize("task", ["ant", "half_cheetah", "swimmer"])
+@pytest.mark.parametrize("task", ["ant", "half_cheetah"])
 def test_resets_are_spread_as_gymnasiums(task):
     env = envs.make(task)
     state = jax.vmap(env.reset)(jax.random.split(jax.random.PRNGKey(0), 2000)).pipeline_state
@@ -188,9 +168,8 @@ def test_resets_are_spread_as_gymnasiums(task):
         moved = np.delete(moved, np.s_[3:7], axis=1)
     np.testing.assert_allclose([moved.min(), moved.max()], [-0.1, 0.1], atol=1e-3)
     np.testing.assert_allclose(moved.std(axis=0), 0.1 / np.sqrt(3), rtol=0.1)
-    uniform = task == "swimmer"  # of the others normal
-    np.testing.assert_allclose(qvel.std(axis=0), 0.1 / np.sqrt(3) if uniform else 0.1, rtol=0.1)
-    assert (np.abs(qvel).max() < 0.1001) == uniform
+    np.testing.assert_allclose(qvel.std(axis=0), 0.1, rtol=0.1)
+    assert np.abs(qvel).max() > 0.3  # normal, not uniform
 
 
 @pytest.mark.parametrize("task", TASKS)

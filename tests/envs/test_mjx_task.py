@@ -1,8 +1,9 @@
-"""What every task keeps to: brax's interface, its docstring's tables, and the little state that it carries."""
+"""What holds for every task: brax's interface, the tables of the docstring, and the state between steps."""
 
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -33,9 +34,17 @@ def test_the_docstrings_tables_are_the_sizes_and_the_limits(env):
     assert len(env.obs_std) == env.observation_size
 
 
-def test_only_positions_speeds_and_the_warm_start_are_carried(env):
+@pytest.fixture(scope="module", params=envs.TASKS)
+def traced(request):
+    """A task, its first state, and its step: the traced equations and the shapes of the next state."""
+    env = envs.make(request.param)
     state = env.reset(jax.random.PRNGKey(0))
-    after = jax.eval_shape(env.step, state, jnp.zeros(env.action_size))
+    equations, after = jax.make_jaxpr(env.step, return_shape=True)(state, jnp.zeros(env.action_size))
+    return SimpleNamespace(env=env, state=state, equations=equations.jaxpr, after=after)
+
+
+def test_only_positions_speeds_and_the_warm_start_are_carried(traced):
+    state, after = traced.state, traced.after
     assert jax.tree.structure(after) == jax.tree.structure(state)
     carried = {jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(after)}
     physics = {".pipeline_state.qpos", ".pipeline_state.qvel", ".pipeline_state.qacc_warmstart"}
@@ -43,18 +52,24 @@ def test_only_positions_speeds_and_the_warm_start_are_carried(env):
     assert [x.shape for x in jax.tree.leaves(after)] == [x.shape for x in jax.tree.leaves(state)]
 
 
-def test_a_task_is_a_brax_environment_that_never_ends(env):
+def test_a_task_is_a_brax_environment_that_never_ends(traced):
+    env, state, after = traced.env, traced.state, traced.after
     assert isinstance(env, Env)
-    state = env.reset(jax.random.PRNGKey(0))
-    after = jax.eval_shape(env.step, state, jnp.zeros(env.action_size))
     assert state.obs.shape == after.obs.shape == (env.observation_size,)
     assert (state.reward, state.done) == (0.0, 0.0)
-    stepped = jax.make_jaxpr(lambda s, a: env.step(s, a).done)(state, jnp.zeros(env.action_size))
-    # What comes out as `done` is what went in: no equation touches it.
-    assert stepped.jaxpr.outvars[0] in stepped.jaxpr.invars
+    # The `done` that comes out is the `done` that went in: no equation changes it.
+    place = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(after)].index(".done")
+    assert traced.equations.outvars[place] is traced.equations.invars[place]
     np.testing.assert_allclose(env.dt, 0.04 if isinstance(env, Swimmer) else 0.05)
 
 
+@pytest.mark.parametrize("shape", [(), (2,), (4, 1)])
+def test_an_action_of_another_shape_is_refused(shape):
+    env = envs.make("pendulum")
+    with pytest.raises(envs.TaskError, match=r"expected \(1,\), one number for each motor; step a batch .* jax.vmap"):
+        env.step(env.reset(jax.random.PRNGKey(0)), jnp.zeros(shape))
+
+
 def test_importing_the_tasks_prints_nothing():
-    command = [sys.executable, "-c", "import envs"]
+    command = [sys.executable, "-c", "import eairl_jax.envs"]
     assert subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout == ""

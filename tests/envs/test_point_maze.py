@@ -1,15 +1,13 @@
-"""The maze against MuJoCo's own engine at full precision, and its passages."""
+"""The maze against MuJoCo's C engine at full precision, and its passages."""
 
 from types import SimpleNamespace
 
 import jax
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
 
 from eairl_jax import envs
-from eairl_jax.envs.mjx_task import Physics
 from eairl_jax.envs.point_maze import GOAL, START
 
 LENGTH = 300
@@ -39,21 +37,19 @@ def c_engine(env, forces):
 
 
 @pytest.fixture(scope="module", params=["left", "right"])
-def played(request):
-    """The scripts played in one maze: by us `position`, `reward`; by the C engine at full precision `exact`."""
-    env = envs.make(f"point_maze_{request.param}")
-
-    def episode(forces):
-        state = env.reset(jax.random.PRNGKey(0))
-        state = state.replace(pipeline_state=Physics(jnp.array(START), jnp.zeros(2), jnp.zeros(2)))
-
-        def step(state, force):
-            state = env.step(state, force)
-            return state, (state.obs, state.reward)
-
-        return jax.lax.scan(step, state, forces)[1]
-
-    position, reward = jax.tree.map(np.asarray, jax.jit(jax.vmap(episode))(scripts()))
+def played(request, compiled_step):
+    """The scripts played in one maze: by MJX `position`, `reward`; by the C engine at full precision `exact`."""
+    step, forces = compiled_step(f"point_maze_{request.param}"), scripts()
+    qpos = np.tile(START, (len(forces), 1))
+    qvel, warmstart = np.zeros_like(qpos), np.zeros_like(qpos)
+    positions, rewards = [], []
+    for force in forces.swapaxes(0, 1):
+        state = step(qpos, qvel, warmstart, force)
+        physics = state.pipeline_state
+        qpos, qvel, warmstart = physics.qpos, physics.qvel, physics.qacc_warmstart
+        positions.append(state.obs)
+        rewards.append(state.reward)
+    position, reward = np.stack(positions, axis=1), np.stack(rewards, axis=1)
     full = envs.make(f"point_maze_{request.param}", solver_iterations=100, line_search_iterations=50)
     assert (full.model.opt.iterations, full.model.opt.ls_iterations) == (100, 50)
     exact = np.stack([c_engine(full, forces) for forces in scripts()])
@@ -88,9 +84,10 @@ def test_reward_is_of_the_position_before_and_the_clipped_action(played):
     np.testing.assert_allclose(played.reward, expected, atol=1e-5)
 
 
-@pytest.mark.parametrize(("passage", "way", "passes"), [
-    ("left", "left", True), ("left", "right", False), ("right", "left", False), ("right", "right", True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("passage", "way", "passes"),
+    [("left", "left", True), ("left", "right", False), ("right", "left", False), ("right", "right", True)],
+)
 def test_the_barrier_can_be_passed_on_the_named_side_alone(passage, way, passes):
     x = {"left": 0.05, "right": 0.5}[way]
     waypoints = np.repeat([(x, 0.1), (x, 0.5), GOAL], 33, axis=0)
@@ -109,3 +106,15 @@ def test_episodes_start_in_the_middle_almost_at_rest():
     np.testing.assert_allclose(state.obs, np.tile([0.3, 0.0], (500, 1)), atol=1e-7)
     speed = np.asarray(state.pipeline_state.qvel)
     np.testing.assert_allclose([speed.min(), speed.max()], [-0.01, 0.01], atol=0.001)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (dict(passage="middle"), "passage = 'middle': expected left or right"),
+        (dict(solver_iterations=0), "solver_iterations = 0, .* expected at least 1 of each"),
+    ],
+)
+def test_impossible_settings_are_refused(settings, message):
+    with pytest.raises(envs.TaskError, match=message):
+        envs.make("point_maze_left", **settings)

@@ -4,8 +4,15 @@ import pytest
 
 from eairl_jax import envs
 
-SIZES = {"pendulum": (3, 1), "point_maze_left": (2, 2), "point_maze_right": (2, 2), "ant": (27, 8),
-         "crippled_ant": (27, 8), "half_cheetah": (17, 6), "swimmer": (8, 2)}  # fmt: skip
+SIZES = {
+    "pendulum": (3, 1),
+    "point_maze_left": (2, 2),
+    "point_maze_right": (2, 2),
+    "ant": (27, 8),
+    "crippled_ant": (27, 8),
+    "half_cheetah": (17, 6),
+    "swimmer": (8, 2),
+}
 
 
 @pytest.mark.parametrize("name", envs.TASKS)
@@ -29,9 +36,12 @@ def test_settings_reach_the_task():
     assert envs.make("point_maze_left").model.opt.iterations != 7
 
 
-@pytest.mark.parametrize(("name", "known"), [("ant", "crippled, length, gear, fidelity"), ("pendulum", "none")])
-def test_an_unknown_setting_is_answered_with_the_known(name, known):
-    with pytest.raises(envs.TaskError, match=f"{name}: no such setting: colour; it has {known}"):
+@pytest.mark.parametrize(
+    ("name", "choices"),
+    [("ant", "the settings of ant are crippled, length, gear, fidelity"), ("pendulum", "pendulum has no settings")],
+)
+def test_an_unknown_setting_is_answered_with_the_settings_of_the_task(name, choices):
+    with pytest.raises(envs.TaskError, match=f"unknown setting of task {name}: colour; {choices}"):
         envs.make(name, colour="red")
 
 

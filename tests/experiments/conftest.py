@@ -1,5 +1,7 @@
-"""Small settings that every command can be driven with in seconds."""
+"""Small settings that every command can be driven with in seconds, and the ways to drive one."""
 
+import csv
+import re
 import shutil
 
 import pytest
@@ -22,15 +24,25 @@ TINY = (
     "iterations=4",
     "snapshot_every=2",
 )
+EPISODES = {
+    "eairl_jax.experiments.pipeline.train.EVALUATION_EPISODES": 2,
+    "eairl_jax.experiments.commands.demos.SCORE_EPISODES": 2,
+    "eairl_jax.experiments.pipeline.experiment.SCORE_EPISODES": 2,
+}
 
 
 @pytest.fixture
 def tiny(monkeypatch):
     """`--set` arguments of a tiny run; evaluations are a few episodes."""
-    monkeypatch.setattr("eairl_jax.experiments.pipeline.train.EVALUATION_EPISODES", 2)
-    monkeypatch.setattr("eairl_jax.experiments.commands.demos.SCORE_EPISODES", 2)
-    monkeypatch.setattr("eairl_jax.experiments.pipeline.scores.SCORE_EPISODES", 2)
+    for name, episodes in EPISODES.items():
+        monkeypatch.setattr(name, episodes)
     return TINY
+
+
+@pytest.fixture
+def rl_settings():
+    """Those of `tiny` that retraining has too."""
+    return [a for a in TINY if not a.startswith(("history", "discriminator", "empowerment", "hidden"))]
 
 
 @pytest.fixture(scope="session")
@@ -38,12 +50,67 @@ def trained(tmp_path_factory):
     """The folder of a tiny `imitate`, for `finished` to copy: trained once a session."""
     folder = tmp_path_factory.mktemp("trained") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eairl_jax.experiments.pipeline.train.EVALUATION_EPISODES", 2)
+        for name, episodes in EPISODES.items():
+            patch.setattr(name, episodes)
         cli.main(["imitate", "pendulum", "--seeds", "2", "--out", str(folder), "--set", *TINY])
     return folder
 
 
 @pytest.fixture
 def finished(trained, tmp_path):
-    """A finished run of two seeds of one's own."""
+    """A finished run of two seeds, to be changed at will."""
     return shutil.copytree(trained, tmp_path / "run")
+
+
+@pytest.fixture(scope="session")
+def run():
+    """Runs `eairl` with arguments and returns its exit code."""
+
+    def run_command(*arguments):
+        try:
+            cli.main([str(a) for a in arguments])
+        except SystemExit as e:
+            return e.code
+        return 0
+
+    return run_command
+
+
+@pytest.fixture(scope="session")
+def imitate(run):
+    """`(out, settings, *more) -> exit code` of a tiny `eairl imitate pendulum`."""
+    return lambda out, settings, *more: run(
+        "imitate", "pendulum", "--seeds", 2, *more, "--out", out, "--set", *settings
+    )
+
+
+@pytest.fixture(scope="session")
+def metrics_lines():
+    """The lines of a folder's `metrics.csv`, as text."""
+
+    def read(folder):
+        with open(folder / "metrics.csv", newline="") as f:
+            return list(csv.DictReader(f))
+
+    return read
+
+
+@pytest.fixture(scope="session")
+def table():
+    """What was printed; the lines of its tables fit the 80 columns of a terminal, and their cells are whole."""
+
+    def printed_table(capsys):
+        printed = capsys.readouterr().out
+        lines = [line for line in printed.splitlines() if re.search("[─━│┃]", line)]
+        assert lines
+        assert max(map(len, lines)) <= 80
+        assert "…" not in "".join(lines)
+        return printed
+
+    return printed_table
+
+
+@pytest.fixture(autouse=True)
+def columns(monkeypatch):
+    """A terminal of 80 columns."""
+    monkeypatch.setenv("COLUMNS", "80")

@@ -37,8 +37,8 @@ def test_any_tree(parents, seed):
     matrix = matrices(parents, 3, seed)
     vector = np.random.default_rng(seed).normal(size=(3, len(parents)))
     expected = np.linalg.solve(matrix, vector[..., None])[..., 0]
-    found = jax.vmap(tree_solver(parents))(jnp.asarray(matrix), jnp.asarray(vector))
-    np.testing.assert_allclose(found, expected, rtol=2e-3, atol=2e-3)
+    solution = jax.vmap(tree_solver(parents))(jnp.asarray(matrix), jnp.asarray(vector))
+    np.testing.assert_allclose(solution, expected, rtol=2e-3, atol=2e-3)
 
 
 def test_one_system_many_and_many_in_many():
@@ -53,7 +53,7 @@ def test_one_system_many_and_many_in_many():
     np.testing.assert_allclose(shared, jax.vmap(lambda v: solve(matrix[0], v))(vector), rtol=1e-5)
 
 
-@pytest.mark.parametrize("task", ["ant", "half_cheetah", "swimmer"])
+@pytest.mark.parametrize("task", ["ant", "half_cheetah"])
 def test_what_touches_the_floor_adds_no_entries_to_a_walkers_tree(task):
     env = envs.make(task)
     model = env.model
@@ -63,9 +63,9 @@ def test_what_touches_the_floor_adds_no_entries_to_a_walkers_tree(task):
         while i >= 0:
             joined[k, i] = joined[i, k] = True
             i = model.dof_parentid[i]
-    for point in range(len(env._floor.geom)):
-        moves = env._floor.table[point, :-2] > 0
-        assert joined[np.ix_(moves, moves)].all()
+    assert len(env._constraints.moved_by) > 0
+    for moved_by in env._constraints.moved_by > 0:
+        assert joined[np.ix_(moved_by, moved_by)].all()
 
 
 def test_the_deepest_are_top_ks():

@@ -1,16 +1,27 @@
-"""A run's folder is one process's, and nothing in it or beside it is lost."""
+"""A run's folder belongs to one run and one process, and nothing in it or beside it is lost."""
 
+import json
+
+import numpy as np
 import pytest
 
 from eairl_jax import InputError
-from eairl_jax.experiments.pipeline.run_folder import RunFolder, writable
+from eairl_jax.experiments.pipeline.run_folder import RunFolder, check_writable, settings_digest
+
+LABELS = [{"seed": 0}, {"seed": 1}]
+
+
+def chunk(folder, first, length=2):
+    """Appends iterations, each metric equal to its iteration."""
+    values = np.tile(first + 1 + np.arange(length, dtype=float), (2, 1))
+    folder.append_metrics(first, 10, LABELS, {"b": values, "a": -values})
 
 
 def test_two_trainings_in_one_folder_are_refused(tmp_path):
     first, second = RunFolder(tmp_path, {}), RunFolder(tmp_path, {})
-    with first.alone(), pytest.raises(InputError, match="another process is training"), second.alone():
+    with first.locked(), pytest.raises(InputError, match="another process is training"), second.locked():
         pytest.fail("both hold it")
-    with second.alone():  # it is free again
+    with second.locked():  # it is free again
         pass
 
 
@@ -18,9 +29,71 @@ def test_whether_a_file_can_be_written_changes_none(tmp_path):
     (tmp_path / "empty").write_text("")
     (tmp_path / "full").write_text("kept")
     for name in ("empty", "full", "new"):
-        writable(tmp_path / name)
+        check_writable(tmp_path / name)
     assert (tmp_path / "empty").exists()
     assert (tmp_path / "full").read_text() == "kept"
     assert not (tmp_path / "new").exists()
     with pytest.raises(InputError, match="cannot write"):
-        writable(tmp_path / "full" / "below")
+        check_writable(tmp_path / "full" / "below")
+
+
+def test_metrics_are_appended_and_read_as_curves(tmp_path):
+    folder = RunFolder(tmp_path, {})
+    chunk(folder, 0)
+    before = (tmp_path / "metrics.csv").read_bytes()
+    chunk(folder, 2)
+    after = (tmp_path / "metrics.csv").read_bytes()
+    assert after.startswith(before), "what was written is not written again"
+    assert after.splitlines()[0] == b"seed,iteration,env_steps,a,b"
+    assert [line["env_steps"] for line in folder.metrics()] == ["10", "10", "20", "20", "30", "30", "40", "40"]
+    np.testing.assert_array_equal(folder.curve("b", 2), [[1, 2, 3, 4]] * 2)
+
+
+@pytest.mark.parametrize("torn", ["", "1,4", "1,40,400,-4.0,4.0\r\n0,5"])
+def test_lines_of_a_lost_chunk_are_dropped(tmp_path, torn):
+    """A kill between the metrics and the checkpoint leaves lines, the last one perhaps torn."""
+    folder = RunFolder(tmp_path, {})
+    chunk(folder, 0)
+    kept = (tmp_path / "metrics.csv").read_bytes()
+    chunk(folder, 2)
+    with open(tmp_path / "metrics.csv", "a", newline="") as f:
+        f.write(torn)
+    folder.keep_metrics(4)
+    assert (tmp_path / "metrics.csv").read_bytes() == kept
+    folder.keep_metrics(0)
+    assert not (tmp_path / "metrics.csv").exists()
+
+
+def test_a_folder_of_another_run_is_refused(tmp_path):
+    RunFolder(tmp_path / "run", {"seeds": [0, 1], "config": {"gamma": 1}})
+    RunFolder(tmp_path / "run", {"seeds": [0, 1], "config": {"gamma": 1}})
+    with pytest.raises(InputError, match=r"different run \(seeds: there \[0, 1\], here \[0\]\)"):
+        RunFolder(tmp_path / "run", {"seeds": [0], "config": {"gamma": 1}})
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.tex").write_text("")
+    with pytest.raises(InputError, match="no run's folder"):
+        RunFolder(tmp_path / "other", {})
+    with pytest.raises(InputError, match="cannot write"):
+        RunFolder(tmp_path / "other" / "thesis.tex" / "run", {})
+
+
+def test_a_setting_that_is_new_leaves_an_older_run_what_it_was(tmp_path):
+    settings = {"task": "ant", "config": {"actions": "sampled", "iterations": 7}}
+    older = {"task": "ant", "config": {"iterations": 7}}  # a version wrote it that did not know `actions`
+    assert settings_digest(older) == settings_digest(settings)
+    RunFolder(tmp_path, older)
+    RunFolder(tmp_path, settings)
+    settings["config"]["actions"] = "clipped"
+    assert settings_digest(older) != settings_digest(settings)
+    with pytest.raises(InputError, match=r"config.actions: there 'sampled', here 'clipped'"):
+        RunFolder(tmp_path, settings)
+
+
+def test_seconds_add_up_over_sessions_and_phases(tmp_path):
+    folder = RunFolder(tmp_path / "run", {})
+    folder.add_seconds(compile_seconds=2.0)
+    folder.add_seconds(run_seconds=3.0)
+    RunFolder(tmp_path / "run" / "source_retrain", {}).add_seconds(run_seconds=4.0)
+    assert folder.seconds() == {"compile_seconds": 2.0, "run_seconds": 7.0}
+    folder.write_summary({"mean": 1.0})
+    assert folder.summary() == json.loads((tmp_path / "run" / "summary.json").read_text()) == {"mean": 1.0}

@@ -1,4 +1,4 @@
-"""True returns of a policy: the score."""
+"""The true returns of a policy."""
 
 from __future__ import annotations
 
@@ -8,25 +8,27 @@ import jax
 import jax.numpy as jnp
 
 from eairl_jax.rollout import action_limit
-from eairl_jax.types import Env, Key, PyTree
+from eairl_jax.types import Env, Key
+
+# (obs [episodes, obs], key) -> action [episodes, act]
+Act = Callable[[jax.Array, Key], jax.Array]
 
 
 def evaluate(
-    key: Key,
-    env: Env,
-    act: Callable[[jax.Array, Key], jax.Array],
-    episodes: int,
-    episode_length: int,
-) -> tuple[jax.Array, PyTree]:
+    key: Key, env: Env, act: Act, episodes: int, episode_length: int
+) -> tuple[jax.Array, dict[str, jax.Array]]:
     """Runs whole episodes side by side.
 
     Args:
-      act: `(obs [episodes, obs], key) -> action [episodes, act]`; close over a state and pass the key on for the
-        sampled policy, ignore the key for a deterministic one.
+      act: `(obs [episodes, obs], key) -> action [episodes, act]`. For a sampled policy, bind the state of
+        `Algorithm.act` and pass the key on; for a deterministic policy, ignore the key.
+      episodes: number of episodes.
+      episode_length: steps of each episode.
 
     Returns:
-      `(returns [episodes], steps)`: the sum of true rewards up to the end of each episode, and what was done:
-      a dict of `obs`, `action` (unclipped), `next_obs`, `reward`, `terminated`, each `[episodes, T, ...]`.
+      `(returns [episodes], steps)`. A return is the sum of the true rewards up to the end of the episode. `steps` is a
+      dict of `obs`, `action` (unclipped), `next_obs`, `reward`, `terminated`, each `[episodes, episode_length, ...]`.
+      After the end of an episode `reward` and `terminated` are 0.
     """
     reset_key, key = jax.random.split(key)
     state = jax.vmap(env.reset)(jax.random.split(reset_key, episodes))
@@ -51,7 +53,7 @@ def evaluate(
     return steps["reward"].sum(axis=1), steps
 
 
-def random_policy(env: Env) -> Callable[[jax.Array, Key], jax.Array]:
-    """Uniform actions over the executed range: the floor of every score."""
+def random_policy(env: Env) -> Act:
+    """`act` of a policy that draws uniform actions from the range of executed actions; a lower reference score."""
     limit = action_limit(env)
     return lambda obs, key: jax.random.uniform(key, (obs.shape[0], env.action_size), minval=-limit, maxval=limit)

@@ -1,0 +1,120 @@
+"""Every float of training."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+from flax import struct
+
+from eairl_jax.errors import InputError
+
+# Name -> (smallest value, whether the smallest value itself is allowed, largest value). Other floats: 0 or more.
+RANGES: dict[str, tuple[float, bool, float]] = {
+    "gamma": (0.0, True, 1.0),
+    "gae_lambda": (0.0, True, 1.0),
+    "kl_limit": (0.0, False, np.inf),
+    "std_final_fraction": (0.0, False, np.inf),
+}
+
+
+@struct.dataclass
+class HParams:
+    """The floats of training; sizes, counts and names are in `Config`.
+
+    Every field is a leaf of a pytree and may be vmapped over, so a sweep is one compiled program. `check_hparams` says
+    which values are possible.
+    """
+
+    gamma: float | jax.Array = 0.99
+    """Discount factor of returns, from 0 to 1."""
+    gae_lambda: float | jax.Array = 0.95
+    """Lambda of generalised advantage estimation, from 0 to 1."""
+    policy_lr: float | jax.Array = 1e-3
+    """Adam's learning rate of the policy and the value function in the first iteration."""
+    policy_lr_final_fraction: float | jax.Array = 1.0
+    """Fraction of `policy_lr` that is left after the last iteration; the rate is linear in between."""
+    clip_eps: float | jax.Array = 0.2
+    """PPO: the probability ratio is clipped to 1 - clip_eps and 1 + clip_eps."""
+    max_grad_norm: float | jax.Array = 0.5
+    """PPO: a gradient with a larger global norm is scaled down to this norm."""
+    kl_limit: float | jax.Array = 0.01
+    """TRPO: bound on KL(old policy || new policy) in one iteration, in nats; above 0."""
+    cg_damping: float | jax.Array = 0.1
+    """TRPO: multiple of the identity that is added to the Fisher matrix."""
+    entropy_weight: float | jax.Array = 0.001
+    """Weight of the policy's entropy in its objective (Appendix D.2: 0.1 to learn a reward, 0.001 to imitate)."""
+    entropy_final_fraction: float | jax.Array = 1.0
+    """Fraction of `entropy_weight` that is left after the last iteration; the weight is linear in between."""
+    std_final_fraction: float | jax.Array = 1.0
+    """Fraction of the policy's std that is left after the last iteration, above 0; the std is geometric in between. A
+    policy with a small fraction explores first and settles later."""
+    temperature: float | jax.Array = 0.0
+    """Maximum-entropy RL on a reward that is not learned at the same time: `-temperature log pi(a|s)` is added to the
+    reward. The policies of AIRL and EAIRL do not use the setting: their reward f - log pi has a temperature of 1."""
+    temperature_final_fraction: float | jax.Array = 1.0
+    """Fraction of `temperature` that is left after the last iteration; the temperature is linear in between."""
+    lambda_i: float | jax.Array = 0.001
+    """lambda_I: weight of the loss l_I in the policy's objective (Eq. 11)."""
+    beta: float | jax.Array = 1.0
+    """Weight of log q(a|s,s') against log pi(a|s) in the empowerment (Eq. 6, 7)."""
+    gradient_penalty: float | jax.Array = 0.0
+    """Weight of the penalty on the size of the reward's gradient (`discriminator.gradient_penalty`)."""
+    action_variance: float | jax.Array = 0.0
+    """Weight of the penalty on differences of the reward between actions (`discriminator.action_variance`)."""
+    input_sparsity: float | jax.Array = 0.0
+    """Weight of the penalty on each entry of the observation that the reward uses (`discriminator.input_sparsity`)."""
+    discriminator_lr: float | jax.Array = 1e-3
+    """Adam's learning rate of the discriminator D, and hence of the reward."""
+    inverse_lr: float | jax.Array = 1e-3
+    """Adam's learning rate of the inverse model q(a|s,s')."""
+    phi_lr: float | jax.Array = 1e-3
+    """Adam's learning rate of the empowerment Phi(s)."""
+
+    def at(self, progress: jax.Array) -> HParams:
+        """The settings at `progress` `[]` of the run, from 0 to 1: annealed rates have their present values.
+
+        `std_final_fraction` becomes the present fraction of the std.
+        """
+        progress = jax.numpy.clip(progress, 0.0, 1.0)
+
+        def annealed(value, final_fraction):
+            return value * (1.0 - progress * (1.0 - final_fraction))
+
+        return dataclasses.replace(
+            self,
+            policy_lr=annealed(self.policy_lr, self.policy_lr_final_fraction),
+            entropy_weight=annealed(self.entropy_weight, self.entropy_final_fraction),
+            std_final_fraction=self.std_final_fraction**progress,
+            temperature=annealed(self.temperature, self.temperature_final_fraction),
+        )
+
+
+def check_hparams(hparams: HParams) -> None:
+    """Checks every value that is concrete; values inside a JAX transformation (tracers) are not checked.
+
+    Raises:
+      InputError: if a value is NaN, infinite or negative, if `gamma` or `gae_lambda` is above 1, or if `kl_limit` or
+        `std_final_fraction` is 0.
+    """
+    for field in dataclasses.fields(hparams):
+        value = getattr(hparams, field.name)
+        if isinstance(value, jax.core.Tracer):
+            continue
+        try:
+            values = np.asarray(value, np.float64)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{field.name} = {value!r}: expected a number, or an array with one for each lane"
+            ) from None
+        smallest, included, largest = RANGES.get(field.name, (0.0, True, np.inf))
+        above = values >= smallest if included else values > smallest
+        possible = np.isfinite(values) & above & (values <= largest)
+        if not possible.all():
+            example = getattr(HParams(), field.name)
+            bounds = f"at least {smallest:g}" if included else f"above {smallest:g}"
+            bounds += "" if largest == np.inf else f" and at most {largest:g}"
+            raise InputError(
+                f"{field.name} = {values[~possible].flat[0]:g}: expected a number {bounds}, for example {example}"
+            )

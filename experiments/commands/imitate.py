@@ -1,0 +1,34 @@
+"""`eairl imitate`: learn a policy, and with it a reward, from demonstrations of one task."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eairl_jax.experiments.commands.saturation import warn_if_saturated
+from eairl_jax.experiments.display.console import Line, print_table, say
+from eairl_jax.experiments.options import Imitate
+from eairl_jax.experiments.paper import published
+from eairl_jax.experiments.pipeline.experiment import imitations
+from eairl_jax.experiments.pipeline.run import run as run_experiment
+from eairl_jax.experiments.pipeline.train import RUNS
+
+
+def run(options: Imitate, command_line: str) -> None:
+    """Runs an experiment for each method and reward form, and prints one table."""
+    experiments, results = imitations(options), []
+    for experiment in experiments:
+        # --out is the run's folder; where several runs share it, each has a folder in it.
+        path = RUNS / experiment.folder_name()
+        if options.out:
+            path = options.out if len(experiments) == 1 else options.out / experiment.name
+        results.append(run_experiment(experiment, path, command_line))
+        say(f"{experiment.name}: in {path}/")
+        warn_if_saturated(results[-1])
+    task, reference = options.task, experiments[0].source.reference
+    expert = published.row(published.IMITATION, task, "expert")
+    lines = [Line("expert", np.array([reference.expert]), expert, 1.0)]
+    for result in results:
+        figure = published.row(published.IMITATION, task, result.method) if result.is_published else None
+        lines.append(Line(result.name, np.array(result.returns), figure, result.normalized))
+    lines.append(Line("random actions", np.array([reference.random]), None, 0.0))
+    print_table(f"Imitation of {task}: true return of the sampled policy, {options.seeds} seeds", lines)

@@ -1,0 +1,164 @@
+"""`eairl reproduce`: the paper's tables, trained to the end or gone on with; every seed's return is kept."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eairl_jax import InputError
+from eairl_jax.experiments.display.console import Line, print_table, say
+from eairl_jax.experiments.options import Imitate, Reproduce, Transfer
+from eairl_jax.experiments.paper import figures, plan, published, results, reward_distance
+from eairl_jax.experiments.paper.plan import EXPERIMENTS, FIGURES, FIRST_SEED, Planned, retrain_variant
+from eairl_jax.experiments.pipeline import stages
+from eairl_jax.experiments.pipeline.experiment import Experiment, imitations, transfers
+from eairl_jax.experiments.pipeline.result import Result
+from eairl_jax.experiments.pipeline.run import learning_folder
+from eairl_jax.experiments.pipeline.run import run as run_experiment
+from eairl_jax.experiments.pipeline.run_folder import RunFolder, machine, settings_digest
+from eairl_jax.experiments.pipeline.train import RUNS
+
+CURVE_POINTS = 50
+
+Plan = dict[str, list[Planned]]
+
+
+def run(options: Reproduce, command_line: str) -> None:
+    """Runs the planned experiments, writes `TABLE.json` after every result, and prints the tables."""
+    planned_of = wanted(options)
+    seeds = plan.QUICK_SEEDS if options.quick else options.seeds
+    out = options.out or RUNS / ("reproduce-quick" if options.quick else "reproduce")
+    folder = options.results or (out if options.quick else results.FOLDER)
+    # Everything is checked before anything is trained.
+    experiments = {
+        planned: build(planned, seeds, options.quick) for planned_all in planned_of.values() for planned in planned_all
+    }
+    for table, planned_all in planned_of.items():
+        refuse_other_results(folder / f"{table}.json", {p.identity: experiments[p] for p in planned_all})
+    for table, planned in plan.cheapest_first(planned_of):
+        result = train(experiments[planned], out, command_line)
+        results.add(folder / f"{table}.json", result)
+    for table in planned_of:
+        show(table, results.load(folder / f"{table}.json"), options.task)
+        say(f"every seed, setting and budget: {folder}/{table}.json")
+    for figure, table in FIGURES.items():
+        if options.name in ("all", figure):
+            figures.DRAWN[figure](results.load(folder / f"{table}.json"), out, folder, options.task)
+
+
+def wanted(options: Reproduce) -> Plan:
+    """The planned experiments of each table that the options ask for.
+
+    Raises:
+      InputError: for a task of which the tables have no experiment.
+    """
+    tables = list(EXPERIMENTS) if options.name == "all" else [FIGURES.get(options.name, options.name)]
+    quick_tasks = plan.QUICK_TASKS if options.quick else ()
+    tasks = {planned.task for table in tables for planned in EXPERIMENTS[table]}
+    unknown = sorted(set(options.task) - tasks - set(quick_tasks))
+    if unknown:
+        raise InputError(f"--task {', '.join(unknown)}: {options.name} has {', '.join(sorted(tasks))}")
+    chosen = options.task or quick_tasks
+    planned_of = {
+        table: [planned for planned in EXPERIMENTS[table] if plan.is_wanted(planned, chosen, options.quick)]
+        for table in tables
+    }
+    if not any(planned_of.values()):
+        raise InputError(
+            f"--quick --task {', '.join(chosen)}: {options.name} has no quick experiment of it; choose another task"
+        )
+    return planned_of
+
+
+def short(quick: bool) -> tuple[str, ...]:
+    """The settings that make a training a matter of seconds."""
+    iterations = plan.QUICK_ITERATIONS
+    return (f"iterations={iterations}", f"snapshot_every={iterations}") if quick else ()
+
+
+def build(planned: Planned, seeds: int, quick: bool) -> Experiment:
+    """Checks a planned experiment and makes it ready to run."""
+    learning: dict[str, Any] = {
+        "method": (planned.method,),
+        "reward_form": (planned.form,),
+        "tuned": planned.tuned,
+        "seeds": seeds,
+        "first_seed": FIRST_SEED,
+        "set": (*planned.settings, *short(quick)),
+    }
+    if planned.target is None:
+        (experiment,) = imitations(Imitate(planned.task, **learning))
+        return dataclasses.replace(experiment, variant=planned.variant)
+    retrain_set = (*planned.retrain_settings, *short(quick))
+    options = Transfer(planned.task, planned.target, rule=(planned.rule,), retrain_set=retrain_set, **learning)
+    (experiment,) = transfers(options)
+    return dataclasses.replace(experiment, variant=planned.variant).with_target_variant(
+        retrain_variant(planned.retrain_settings)
+    )
+
+
+def refuse_other_results(path: Path, experiments: dict[tuple, Experiment]) -> None:
+    """Raises `InputError` if new results would replace results of other seeds or settings."""
+    for result in results.load(path):
+        experiment = experiments.get(result.identity)
+        if experiment is None:
+            continue
+        if result.seeds != list(experiment.seeds):
+            there, here = (f"seeds {seeds[0]} to {seeds[-1]}" for seeds in (result.seeds, experiment.seeds))
+        elif settings_digest(result.settings) != settings_digest(experiment.learning_settings()):
+            there, here = "other settings", "these settings"
+        else:
+            continue
+        raise InputError(
+            f"{path} holds {result.name} of {result.task} with {there}, which {here} would replace: give another "
+            "--results DIR to keep both"
+        )
+
+
+def train(experiment: Experiment, out: Path, command_line: str) -> Result:
+    """Runs an experiment, or goes on with it; returns its result with a curve, distances and the machine."""
+    path, seeds = out / experiment.folder_name(), len(experiment.seeds)
+    result = run_experiment(experiment, path, command_line)
+    result = dataclasses.replace(result, command_line=command_line, machine=machine())
+    folder, use = RunFolder(path, experiment.settings()), experiment.use
+    if use is None:
+        returns = folder.curve("true_return", seeds)
+        return dataclasses.replace(result, curve=thinned(returns, experiment.config.steps_per_iteration))
+    if use.rule.kind == "policy":
+        return result
+    if use.rule.kind == "last" and use.target.task != experiment.source.task:
+        distances = reward_distance.of_transfer(learning_folder(experiment, out).path, path)
+        result = dataclasses.replace(result, closeness=distances)
+    returns = stages.kept_curves(folder, use.target, seeds)
+    return dataclasses.replace(result, curve=thinned(returns, use.target.recipe.config.steps_per_iteration))
+
+
+def thinned(curves: np.ndarray, steps_per_iteration: int) -> dict[str, list]:
+    """Curves `[seeds, iterations]` as at most `CURVE_POINTS` means over equally many iterations (`Result.curve`)."""
+    points = next((n for n in range(CURVE_POINTS, 0, -1) if curves.shape[1] % n == 0), 1)
+    iterations = curves.shape[1] // points
+    means = np.ma.masked_invalid(curves.reshape(len(curves), points, iterations)).mean(axis=2)
+    steps = (1 + np.arange(points)) * iterations * steps_per_iteration
+    values = [[None if np.ma.is_masked(value) else round(float(value), 3) for value in lane] for lane in means]
+    return {"env_steps": steps.tolist(), "true_return": values}
+
+
+def show(table: str, loaded: list[Result], tasks: tuple[str, ...]) -> None:
+    """Prints a table for every task, and for every pair of source and target."""
+    paper = published.TABLES[table]
+    for (task, target), group in results.by_task(loaded).items():
+        if tasks and task not in tasks:
+            continue
+        expert = published.figure(paper, target or task, "expert")
+        lines = [Line("expert", np.array([group[0].expert]), expert, 1.0)]
+        for retrain_settings, result in results.ceilings(group).items():
+            note = ", ".join(["trained alike on the true reward", *filter(None, (retrain_settings,))])
+            lines.append(Line("ceiling", np.array(result.ceiling), note=note))
+        for result in group:
+            figure = published.figure(paper, target or task, result.method) if result.is_published else None
+            name = f"{result.name}, {result.rule}" if target else result.name
+            lines.append(Line(name, np.array(result.returns), figure, result.normalized))
+        print_table(f"{table}: {results.pair(group[0])}, {len(group[0].seeds)} seeds", lines)

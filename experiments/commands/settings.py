@@ -1,0 +1,67 @@
+"""`eairl settings`: what every setting means, its default, and the recipes of a task."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from eairl_jax.experiments.display.console import console, say
+from eairl_jax.experiments.options import Settings
+from eairl_jax.experiments.pipeline.experiment import make_env
+from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES
+from eairl_jax.experiments.settings import GROUPS, documentation
+
+GROUP_TITLES = {
+    "config": "Names and counts (Config)",
+    "hparams": "Floats (HParams); each can be swept",
+    "recipe": "The training as a whole",
+}
+
+
+def run(options: Settings, command_line: str) -> None:
+    """Prints a table for each group of settings and, for a task, one of its recipes."""
+    del command_line
+    if options.task is not None:
+        make_env(options.task)  # refuses an unknown task
+    texts = documentation()
+    for group, defaults in GROUPS.items():
+        table = Table(title=GROUP_TITLES[group], title_justify="left", show_lines=True)
+        table.add_column("setting", no_wrap=True)
+        table.add_column("default", overflow="fold")
+        table.add_column("meaning", overflow="fold")
+        for name, default in defaults.items():
+            table.add_row(name, escape(text_of(default)), escape(texts.get(name, "")))
+        console.print(table)
+    if options.task is None:
+        say("`eairl settings TASK` also shows the recipes of a task; change a setting with --set NAME=VALUE")
+    else:
+        _print_recipes(options.task)
+
+
+def _print_recipes(task: str) -> None:
+    """What the recipes of a task change, purpose by purpose."""
+    table = Table(title=f"Recipes of {task}: what differs from the defaults", title_justify="left", show_lines=True)
+    table.add_column("purpose", no_wrap=True)
+    table.add_column("settings", overflow="fold")
+    for section, values in sections(task).items():
+        table.add_row(section, escape("  ".join(f"{name}={text_of(value)}" for name, value in values.items())))
+    console.print(table)
+    say("a section such as `reward separable` applies on top of `reward`, for that form, method or --tuned")
+
+
+def sections(task: str) -> dict[str, dict[str, Any]]:
+    """The sections of a task's recipes; those of whole purposes contain the purpose's defaults and the task's "all"."""
+    own = RECIPES.get(task, {})
+    whole = {
+        purpose: defaults | own.get("all", {}) | own.get(purpose, {}) for purpose, defaults in PURPOSE_DEFAULTS.items()
+    }
+    return whole | {section: values for section, values in own.items() if section not in ("all", *whole)}
+
+
+def text_of(value: Any) -> str:
+    """A value as `--set` takes it."""
+    if isinstance(value, tuple):
+        return ",".join(map(str, value)) or "-"
+    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,84 @@
+"""`eairl transfer`: learn a reward in one task, train fresh policies on it alone in another, score them truly."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from eairl_jax import InputError, load_reward
+from eairl_jax.experiments.commands.saturation import warn_if_saturated
+from eairl_jax.experiments.display.console import Line, print_table, say
+from eairl_jax.experiments.options import Transfer
+from eairl_jax.experiments.paper import published
+from eairl_jax.experiments.pipeline.experiment import refuse_other_sizes, target_of, transfers
+from eairl_jax.experiments.pipeline.result import Result
+from eairl_jax.experiments.pipeline.run import learning_folder, reuse
+from eairl_jax.experiments.pipeline.run import run as run_experiment
+from eairl_jax.experiments.pipeline.train import RUNS
+
+# The options that say how a reward is learned.
+LEARNING = ("method", "reward_form", "tuned", "seeds", "first_seed", "rule", "demos", "set")
+
+
+def run(options: Transfer, command_line: str) -> None:
+    """Runs an experiment for each method, reward form and rule, and prints one table."""
+    out = options.out or RUNS
+    results = [_reuse(options, out, command_line)] if options.reward else _learn_and_use(options, out, command_line)
+    _print(options, results)
+
+
+def _learn_and_use(options: Transfer, out: Path, command_line: str) -> list[Result]:
+    results = []
+    for experiment in transfers(options):
+        path = out / experiment.folder_name()
+        results.append(run_experiment(experiment, path, command_line))
+        learning = learning_folder(experiment, out).path
+        say(f"{experiment.name}, {results[-1].rule}: in {path}/; the reward was learned in {learning}/")
+        warn_if_saturated(results[-1])
+    return results
+
+
+def _reuse(options: Transfer, out: Path, command_line: str) -> Result:
+    """`--reward DIR`: uses a saved reward."""
+    defaults = {field.name: field.default for field in dataclasses.fields(options)}
+    changed = [f"--{name.replace('_', '-')}" for name in LEARNING if getattr(options, name) != defaults[name]]
+    if changed:
+        raise InputError(
+            f"{', '.join(changed)}: these options say how a reward is learned, and --reward gives a learned reward; "
+            "remove them, or remove --reward"
+        )
+    refuse_other_sizes(options.source, options.target)
+    target = target_of(options)
+    reward = load_reward(options.reward, target.env.observation_size, target.env.action_size)
+    if reward.description["task"] != options.source:
+        raise InputError(
+            f"{options.reward} was learned in {reward.description['task']}, not in {options.source}: name the task "
+            "in which the reward was learned"
+        )
+    return reuse(options.reward, reward, target, out, command_line)
+
+
+def _print(options: Transfer, results: list[Result]) -> None:
+    target, ceiling, reference = options.target, np.array(results[0].ceiling), results[0].reference
+    expert = published.row(published.TRANSFER, target, "expert")
+    lines = [
+        Line("expert", np.array([reference.expert]), expert, 1.0),
+        Line("ceiling", ceiling, None, reference.normalized(ceiling.mean()), "trained alike on the true reward"),
+    ]
+    for result in results:
+        figure = published.row(published.TRANSFER, target, result.method) if result.is_published else None
+        iterations = " ".join(map(str, result.chosen_iterations))
+        note = f"rule {result.rule}" + (f", reward of iteration {iterations}" if iterations else "")
+        name = result.name if len(options.rule) == 1 else f"{result.name}, {result.rule}"
+        lines.append(Line(name, np.array(result.returns), figure, result.normalized, note))
+    lines.append(Line("random actions", np.array([reference.random]), None, 0.0))
+    seeds = len(results[0].seeds)
+    print_table(f"Reward learned in {options.source}, used in {target}: true return, {seeds} seeds", lines)
+    restarts = (results[0].retrain_settings or results[0].settings)["restarts"]
+    if restarts > 1:
+        say(f"each score is that of the best of {restarts} policies by the reward that they were trained on")
+    compiled, ran = (sum(getattr(result, f"{name}_seconds") for result in results) for name in ("compile", "run"))
+    peak = max(result.peak_memory_gb for result in results)
+    say(f"compiled {compiled:.0f} s, ran {ran:.0f} s, peak memory {peak:.1f} GB")

@@ -1,0 +1,299 @@
+"""What each command can be asked. tyro makes the arguments and the help of `eairl` from these records.
+
+This file imports no jax, so that help is fast. `commands/NAME.py` holds what the command NAME does with its record.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+# An option whose help says what its default is, or that needs no default: tyro adds no "(default: None)".
+explained = functools.partial(arg, help_behavior_hint="")
+
+Task = Annotated[Positional[str], arg(metavar="TASK", help="Name of a task. `eairl tasks` lists the tasks.")]
+Set = Annotated[
+    tuple[str, ...],
+    explained(
+        name="set",
+        metavar="NAME=VALUE",
+        help="Change any setting, e.g. gamma=0.99 iterations=400. `eairl settings` lists the settings.",
+    ),
+]
+Methods = Annotated[
+    tuple[str, ...],
+    arg(
+        metavar="NAME",
+        help="One or more of eairl, eairl_release, airl_sa, airl_s, gail, gan_gcl, bc (to imitate); each method gets "
+        "a line in the table.",
+    ),
+]
+Forms = Annotated[
+    tuple[str, ...],
+    arg(
+        metavar="FORM",
+        help="What the reward is a function of: sa (the paper's r(s,a)), s, separable (g(s) + k(a), recommended for "
+        "transfer), or default (the form that the method's authors use). Each form gets a line in the table.",
+    ),
+]
+Out = Annotated[
+    Path | None,
+    explained(metavar="DIR", help="Folder of the run. Default: a folder in runs/, named after the arguments."),
+]
+Demos = Annotated[
+    Path | None,
+    explained(metavar="FILE", help="Demonstrations (.npz). Default: the 20 episodes that come with the package."),
+]
+Optimizer = Annotated[Literal["ppo", "trpo"], arg(help="The algorithm that trains policies.")]
+Tuned = Annotated[
+    bool,
+    arg(
+        help="Use this project's settings instead of the paper's. They were found on the ant with seeds 0 and 1, so "
+        "compare with --first-seed 20."
+    ),
+]
+Seeds = Annotated[int, arg(help="Number of independent runs. They are trained side by side.")]
+FirstSeed = Annotated[int, arg(help="Number of the first seed. Another number gives other random numbers.")]
+Json = Annotated[Path | None, explained(metavar="FILE", help="Write all figures to this file as well.")]
+
+
+@dataclass(frozen=True)
+class Tasks:
+    """List the tasks: sizes, episode length, and the returns of the shipped expert and of random actions."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Explain every setting: what it means, its default and, for a TASK, the values of its recipes."""
+
+    task: Annotated[Positional[str | None], explained(metavar="TASK", help="Also show the recipes of this task.")] = (
+        None
+    )
+
+
+@dataclass(frozen=True)
+class Expert:
+    """Train experts on a task's own reward, by PPO or TRPO.
+
+    `eairl demos` then collects demonstrations from the best seed.
+    """
+
+    task: Task
+    seeds: Seeds = 4
+    optimizer: Optimizer = "ppo"
+    out: Out = None
+    set: Set = ()
+
+
+@dataclass(frozen=True)
+class Collect:
+    """Collect demonstrations from a trained expert: whole episodes (.npz) and their provenance (.json)."""
+
+    task: Task
+    expert: Annotated[
+        Path | None, explained(metavar="DIR", help="Folder of `eairl expert`. Default: runs/expert-TASK.")
+    ] = None
+    episodes: int = 20
+    """Number of episodes."""
+    seed: int = 0
+    """Seed of the episodes' random numbers."""
+    out: Annotated[Path | None, explained(metavar="FILE", help="File to write. Default: demos/TASK.npz.")] = None
+
+
+@dataclass(frozen=True)
+class Imitate:
+    """Learn a policy, and with it a reward, from demonstrations of one task.
+
+    The settings are the paper's for imitation (entropy weight and lambda_I 0.001), unless --tuned is given. A run that
+    was interrupted goes on from its last checkpoint when the same command is given again.
+    """
+
+    task: Task
+    method: Methods = ("eairl",)
+    reward_form: Forms = ("default",)
+    tuned: Tuned = False
+    seeds: Seeds = 5
+    first_seed: FirstSeed = 0
+    optimizer: Optimizer = "ppo"
+    demos: Demos = None
+    out: Out = None
+    set: Set = ()
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Train one method with many values of its floats, all in one compiled program: one table and one figure.
+
+    A setting with a list of values is swept. Several such settings make a grid. For example
+    `eairl sweep pendulum --method eairl --set lambda_i=0,0.001,0.1,1 --seeds 5`.
+    """
+
+    task: Task
+    method: Annotated[str, arg(metavar="NAME", help="One method.")] = "eairl"
+    reward_form: Annotated[str, arg(metavar="FORM", help="sa, s, separable or default.")] = "default"
+    seeds: Seeds = 5
+    first_seed: FirstSeed = 0
+    optimizer: Optimizer = "ppo"
+    demos: Demos = None
+    out: Out = None
+    set: Annotated[
+        tuple[str, ...],
+        explained(name="set", metavar="NAME=A,B,C", help="Settings to sweep, and any other setting (NAME=VALUE)."),
+    ] = ()
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Learn a reward in SOURCE, freeze it, train a fresh policy on it alone in TARGET, score by TARGET's true reward.
+
+    The table also shows the ceiling: the same training on the true reward. A run that was interrupted goes on from its
+    last checkpoint when the same command is given again.
+    """
+
+    source: Annotated[Positional[str], arg(metavar="SOURCE", help="Task that was demonstrated.")]
+    target: Annotated[Positional[str], arg(metavar="TARGET", help="Task in which the reward is used.")]
+    method: Methods = ("eairl",)
+    reward_form: Forms = ("default",)
+    tuned: Tuned = False
+    seeds: Seeds = 5
+    first_seed: FirstSeed = 0
+    rule: Annotated[
+        tuple[str, ...],
+        arg(
+            metavar="RULE",
+            help="The iteration whose reward is used: last, iteration=N, or source_retrain (train policies in SOURCE "
+            "on every kept snapshot and use the best by SOURCE's true return). To compare with: random (the reward "
+            "before learning) and policy (no reward: the imitating policy is scored in TARGET). No rule looks at "
+            "TARGET. Several rules share one learning and get a line each.",
+        ),
+    ] = ("source_retrain",)
+    optimizer: Optimizer = "ppo"
+    demos: Demos = None
+    reward: Annotated[
+        Path | None,
+        explained(metavar="DIR", help="Use this saved reward (the reward/ folder of a run) and learn none."),
+    ] = None
+    out: Annotated[Path | None, explained(metavar="DIR", help="Folder for the runs' folders. Default: runs/.")] = None
+    set: Set = ()
+    retrain_set: Annotated[
+        tuple[str, ...],
+        explained(metavar="NAME=VALUE", help="Like --set, for the policies that are trained on the reward."),
+    ] = ()
+    restarts: Annotated[
+        int | None,
+        explained(
+            help="Policies trained in TARGET for each score. The best by the learned reward is kept. "
+            "Default: the task's recipe (mazes 4, walkers 1)."
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """Train the paper's tables and figures. Runs that are in --out already are kept, unfinished ones go on.
+
+    20 demonstrations, the last iteration's reward (and `source_retrain`), nothing selected on a target task, seeds 20
+    and on, by which no setting was chosen. Results are written after every run, the cheapest first.
+    """
+
+    name: Annotated[
+        Positional[Literal["table1", "table2", "figure2", "appendix-c", "ablations", "all"]],
+        arg(
+            help="Reward transfer; imitation; curves of the transfer; paths and gaits; EAIRL with one setting changed; "
+            "all of them."
+        ),
+    ]
+    quick: bool = False
+    """Train a small version in minutes, by the same code: two seeds, 20 iterations, pendulum and mazes."""
+    seeds: Seeds = 5
+    task: Annotated[tuple[str, ...], explained(metavar="NAME", help="Only these (source) tasks.")] = ()
+    out: Annotated[Path | None, explained(metavar="DIR", help="Folder of the runs. Default: runs/reproduce.")] = None
+    results: Annotated[
+        Path | None,
+        explained(
+            metavar="DIR",
+            help="Folder of the results. Default: the results/ folder of the project; with --quick, --out.",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class Report:
+    """Write one web page of all results beside the paper's. The page needs no network."""
+
+    results: Annotated[
+        Path | None,
+        explained(metavar="DIR", help="Results of `eairl reproduce`. Default: the results/ folder of the project."),
+    ] = None
+    out: Annotated[Path | None, explained(metavar="FILE", help="File to write. Default: runs/report.html.")] = None
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Score the policies of a finished run on fresh episodes: an expert's, an imitation's or a transfer's.
+
+    `--engine c` also runs the policies in MuJoCo's C engine (in Gymnasium's environments where they exist), with every
+    contact and a solver that converges.
+    """
+
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a finished run.")]
+    engine: Annotated[
+        Literal["mjx", "c", "exact"],
+        arg(
+            help="mjx: MJX alone. c: also the C engine with the task's integrator. exact: also the C engine with "
+            "Gymnasium's integrator (RK4 for ants and swimmer, where the task uses Euler's method)."
+        ),
+    ] = "mjx"
+    episodes: int = 20
+    """Episodes of each seed."""
+    mean_action: bool = False
+    """Take the policy's mean action instead of a sample."""
+    json: Json = None
+
+
+@dataclass(frozen=True)
+class View:
+    """Play an episode of a finished run: a web page that needs no network, a strip of frames, and a movie.
+
+    The pictures need OpenGL (EGL on a machine without a display; the variable MUJOCO_GL chooses another). The page
+    does not.
+    """
+
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a finished run.")]
+    seed: Annotated[int | None, explained(help="Seed of the policy to play. Default: the run's first.")] = None
+    out: Annotated[Path | None, explained(metavar="DIR", help="Folder to write. Default: RUN/view.")] = None
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure an iteration beside its simulation, its stages, five seeds beside one, and the compilation."""
+
+    task: Task
+    method: Methods = ("eairl",)
+    reward_form: Forms = ("default",)
+    demos: Demos = None
+    json: Json = None
+    iterations: int = 20
+    """Iterations of each measurement."""
+    set: Set = ()
+
+
+# The module of a command has the command's name: `commands/demos.py` does what `Collect` asks.
+COMMANDS = {
+    "tasks": Tasks,
+    "settings": Settings,
+    "expert": Expert,
+    "demos": Collect,
+    "imitate": Imitate,
+    "sweep": Sweep,
+    "transfer": Transfer,
+    "reproduce": Reproduce,
+    "report": Report,
+    "evaluate": Evaluate,
+    "view": View,
+    "bench": Bench,
+}

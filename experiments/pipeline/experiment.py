@@ -1,0 +1,458 @@
+"""What is run: an `Experiment`, checked before anything is computed, and the `Result` that it ends with.
+
+`imitations`, `sweeps` and `transfers` build experiments from a command's options; `run.run` runs one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import jax
+
+from eairl_jax import Demonstrations, InputError, demonstrations, envs, evaluate, random_policy
+from eairl_jax.config import Config, choose
+from eairl_jax.discriminator_data import check_segments
+from eairl_jax.envs.mjx_task import MjxTask
+from eairl_jax.experiments.options import Bench, Imitate, Sweep, Transfer
+from eairl_jax.experiments.pipeline.result import Reference
+from eairl_jax.experiments.settings import GROUPS, Recipe, choose_setting, parse_overrides, recipe, refuse_unread
+from eairl_jax.methods import METHODS, names, with_method_defaults
+
+SCORE_EPISODES = 500
+RANDOM_SEED = 20_000
+
+# A method that is trained for longer, on larger batches or by another optimiser is still the paper's method.
+BUDGET = frozenset({"iterations", "snapshot_every", "num_envs", "rollout_length", "optimizer"})
+
+
+@dataclass(frozen=True)
+class Source:
+    """The task that was demonstrated.
+
+    Attributes:
+      task, env: its name, and the environment.
+      demos, demos_path: the demonstrations, and the file that they came from.
+      reference: expert's and random actions' true returns.
+    """
+
+    task: str
+    env: MjxTask
+    demos: Demonstrations
+    demos_path: Path
+    reference: Reference
+
+
+@dataclass(frozen=True)
+class Target:
+    """The task in which a reward is used.
+
+    Attributes:
+      task, env: its name, and the environment.
+      recipe: how policies are trained on the reward.
+      reference: expert's and random actions' true returns in the task.
+      variant: names what differs from the task's recipe; empty if nothing does.
+    """
+
+    task: str
+    env: MjxTask
+    recipe: Recipe
+    reference: Reference
+    variant: str = ""
+
+    def settings(self) -> dict:
+        """What decides how policies are trained here."""
+        return {
+            "target": self.task,
+            "retrain_config": dataclasses.asdict(self.recipe.config),
+            "retrain_hparams": dataclasses.asdict(self.recipe.hparams),
+            "retrain_snapshot_every": self.recipe.snapshot_every,
+            "restarts": self.recipe.restarts,
+        }
+
+    def for_reward(self, learned: Config) -> Target:
+        """The target for a reward learned with the configuration `learned`: `actions` are those the reward knows."""
+        return self.with_config(actions=learned.actions)
+
+    def with_config(self, **changes) -> Target:
+        """The target with changes of its recipe's configuration."""
+        config = dataclasses.replace(self.recipe.config, **changes)
+        return dataclasses.replace(self, recipe=dataclasses.replace(self.recipe, config=config))
+
+
+@dataclass(frozen=True)
+class Rule:
+    """From which iteration each seed's reward is taken. No rule looks at the target task.
+
+    Attributes:
+      kind: "last"; "iteration"; "source_retrain", the snapshot on which policies trained in the source do best there.
+        To compare with: "random", the reward before learning, and "policy", no reward: the imitating policy itself is
+        scored in the target.
+      iteration: for "iteration", which one.
+      repeats: for "source_retrain", policies trained on each snapshot.
+      iterations: for "source_retrain", the length of each training.
+    """
+
+    kind: str
+    iteration: int = 0
+    repeats: int = 2
+    iterations: int = 0
+
+    def __str__(self) -> str:
+        return f"iteration={self.iteration}" if self.kind == "iteration" else self.kind
+
+    @staticmethod
+    def parse(text: str, learning: Recipe, retraining: Recipe) -> Rule:
+        """Reads `last`, `source_retrain`, `iteration=N`, `random` or `policy`.
+
+        Args:
+          learning: how the reward is learned.
+          retraining: how policies are trained on a reward in the source task.
+
+        Raises:
+          InputError: for anything else, or an N of which no snapshot is kept.
+        """
+        if text == "source_retrain":
+            return Rule(text, repeats=min(2, retraining.restarts), iterations=retraining.source_retrain_iterations)
+        if text in ("last", "random", "policy"):
+            return Rule(text)
+        name, _, number = text.partition("=")
+        kept = snapshot_iterations(learning)
+        if name != "iteration" or not number.isdigit():
+            raise InputError(
+                f"unknown rule {text!r}: choose last, source_retrain, random, policy or iteration=N, e.g. "
+                f"iteration={kept[-1]}"
+            )
+        if int(number) not in kept:
+            raise InputError(
+                f"no snapshot of iteration {number} is kept; snapshots are kept of iterations "
+                f"{', '.join(map(str, kept))}"
+            )
+        return Rule("iteration", int(number))
+
+
+def snapshot_iterations(learning: Recipe) -> list[int]:
+    """The iterations of which a snapshot is kept."""
+    return list(range(learning.snapshot_every, learning.config.iterations + 1, learning.snapshot_every))
+
+
+@dataclass(frozen=True)
+class Use:
+    """Where a learned reward is used.
+
+    Attributes:
+      target: the task in which fresh policies are trained on the reward.
+      back_home: the source as such a task, where `source_retrain` compares snapshots.
+      rule: which iteration's reward is used.
+    """
+
+    target: Target
+    back_home: Target
+    rule: Rule
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One method with one reward form on one source task and, for a transfer, where its reward is used.
+
+    Attributes:
+      source: the task and its demonstrations.
+      recipe: how the method is trained; `recipe.config` names the method and the reward form.
+      seeds: numbers of the seeds, trained side by side.
+      variant: names the settings that differ from those of the method; empty if the experiment has the usual ones.
+      is_changed: whether any setting of the method was changed (`BUDGET` apart).
+      points: of a sweep, the values of the swept floats; every point is trained with every seed.
+      use: of a transfer, where the reward is used.
+    """
+
+    source: Source
+    recipe: Recipe
+    seeds: range
+    variant: str = ""
+    is_changed: bool = False
+    points: tuple[dict[str, float], ...] = ()
+    use: Use | None = None
+
+    @property
+    def config(self) -> Config:
+        """The static settings of learning."""
+        return self.recipe.config
+
+    @property
+    def has_reward(self) -> bool:
+        """Whether the method learns a reward. Behaviour cloning does not."""
+        return self.config.method in METHODS
+
+    @property
+    def learning_name(self) -> str:
+        """Method, reward form and variant: "eairl-separable", "eairl-sa+lambda_i=0", "bc"."""
+        method = self.config.method
+        name = f"{method}-{with_method_defaults(self.config).reward_form}" if self.has_reward else method
+        return f"{name}+{self.variant}" if self.variant else name
+
+    @property
+    def name(self) -> str:
+        """`learning_name`, and how the retraining differs from its recipe."""
+        return "+".join(filter(None, (self.learning_name, self.use.target.variant if self.use else "")))
+
+    @property
+    def is_published(self) -> bool:
+        """Whether the experiment is one of the paper's: the method with its usual settings and reward form."""
+        method = METHODS.get(self.config.method)
+        has_usual_form = method is None or with_method_defaults(self.config).reward_form == method.reward_form
+        has_usual_retraining = not (self.use and self.use.target.variant)
+        return has_usual_form and has_usual_retraining and not self.variant and not self.is_changed
+
+    def learning_settings(self) -> dict:
+        """What makes the learning different from any other. Experiments that agree on it share one learning."""
+        return {
+            "task": self.source.task,
+            # The content of the file, not its place: a run goes on after the project has moved, never on other data.
+            "demonstrations": f"{self.source.demos_path.name} {demonstrations.fingerprint(self.source.demos)}",
+            "seeds": list(self.seeds),
+            "config": dataclasses.asdict(self.config),
+            "hparams": dataclasses.asdict(self.recipe.hparams),
+            "snapshot_every": self.recipe.snapshot_every,
+        }
+
+    def settings(self) -> dict:
+        """What makes the experiment different from any other."""
+        settings = self.learning_settings()
+        if self.points:
+            settings["sweep"] = list(self.points)
+        if self.use:
+            settings |= self.use.target.settings() | {"rule": dataclasses.asdict(self.use.rule)}
+        return settings
+
+    def with_target_variant(self, variant: str) -> Experiment:
+        """The same experiment, its retraining named `variant` because it differs from the target's recipe."""
+        assert self.use is not None
+        target = dataclasses.replace(self.use.target, variant=variant)
+        return dataclasses.replace(self, use=dataclasses.replace(self.use, target=target))
+
+    def folder_name(self) -> str:
+        """The name of the experiment's folder."""
+        if self.use:
+            return transfer_folder_name(self.source.task, self.use.target.task, self.name, str(self.use.rule))
+        if self.points:
+            return f"sweep-{self.source.task}-{self.name}-{'-'.join(self.points[0])}"
+        return f"imitate-{self.source.task}-{self.name}"
+
+
+def transfer_folder_name(source: str, target: str, name: str, rule: str) -> str:
+    """The name of a transfer's folder, from what a `Result` holds."""
+    return f"transfer-{source}-to-{target}-{name}-{rule}"
+
+
+def imitations(options: Imitate | Bench, purpose: str = "imitate") -> list[Experiment]:
+    """An experiment for each method and reward form of a command, everything checked.
+
+    Args:
+      purpose: of the recipe, a key of `recipes.PURPOSE_DEFAULTS`.
+
+    Raises:
+      InputError: for anything that could not be trained.
+    """
+    return _learnings(options.task, options, purpose)
+
+
+def transfers(options: Transfer) -> list[Experiment]:
+    """An experiment for each method, reward form and rule of `eairl transfer`, everything checked.
+
+    Raises:
+      InputError: for anything that could not be trained, or tasks of different sizes.
+    """
+    refuse_other_sizes(options.source, options.target)
+    target, back_home = target_of(options), make_target(options.source, _retrain_settings(options))
+    experiments = []
+    for learning in _learnings(options.source, options, "reward"):
+        if not learning.has_reward and set(options.rule) != {"policy"}:
+            raise InputError(
+                f"{learning.name} learns no reward to transfer: choose one of {', '.join(METHODS)}, or --rule policy"
+            )
+        for text in options.rule:
+            use = Use(target, back_home, Rule.parse(text, learning.recipe, back_home.recipe))
+            experiments.append(dataclasses.replace(learning, use=use))
+    return experiments
+
+
+def sweeps(options: Sweep) -> Experiment:
+    """The experiment of `eairl sweep`: one method, one lane for each point of the grid and each seed.
+
+    Raises:
+      InputError: if nothing is swept, or a point could not be trained.
+    """
+    fixed, grid = split_grid(options.set)
+    # The largest value decides what has to be computed at all (a penalty of weight 0 is not).
+    largest = tuple(f"{name}={max(values)}" for name, values in grid.items())
+    request = Imitate(
+        task=options.task,
+        method=(options.method,),
+        reward_form=(options.reward_form,),
+        seeds=options.seeds,
+        first_seed=options.first_seed,
+        optimizer=options.optimizer,
+        demos=options.demos,
+        set=(*fixed, *largest),
+    )
+    (experiment,) = imitations(request)
+    points = tuple(dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values()))
+    overrides = {"method": options.method, "reward_form": options.reward_form} | parse_overrides(fixed)
+    for point in points:  # an impossible point is refused before any point is trained
+        recipe(options.task, experiment.source.env, "imitate", overrides | point)
+    return dataclasses.replace(experiment, points=points)
+
+
+def split_grid(assignments: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, list[float]]]:
+    """Separates `name=a,b,c` of floats, which are swept, from single values.
+
+    Raises:
+      InputError: if nothing is swept, or a setting with a list of values is no float.
+    """
+    fixed, grid = [], {}
+    for assignment in assignments:
+        name, _, text = assignment.partition("=")
+        choose_setting(name)
+        if "," not in text or name in ("hidden", "policy_hidden", "value_hidden"):
+            fixed.append(assignment)
+            continue
+        if name not in GROUPS["hparams"]:
+            raise InputError(
+                f"--set {assignment}: only floats can be swept, in one compiled program "
+                f"({', '.join(GROUPS['hparams'])}); run the command once for each value of {name}"
+            )
+        grid[name] = [parse_overrides((f"{name}={value}",))[name] for value in text.split(",")]
+    if not grid:
+        raise InputError("nothing to sweep: give a list of values, e.g. --set lambda_i=0,0.001,0.1,1")
+    return tuple(fixed), grid
+
+
+def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> list[Experiment]:
+    """An experiment for each method and reward form, its reward not used anywhere yet."""
+    seeds, tuned = _seeds(options), getattr(options, "tuned", False)
+    overrides = parse_overrides((f"optimizer={getattr(options, 'optimizer', 'ppo')}", *options.set))
+    env = make_env(task)
+    for method in options.method:
+        choose("method", method, names())
+    source = _source(task, env, options.demos)
+    recipes = [
+        recipe(task, env, purpose, {"method": method, "reward_form": form} | overrides, tuned)
+        for method in options.method
+        for form in (options.reward_form if method in METHODS else ("default",))
+    ]
+    refuse_unread([each.config for each in recipes], overrides)
+    for each in recipes:
+        if each.config.method in METHODS:
+            check_segments(with_method_defaults(each.config), source.demos.reward.shape[1])
+    is_changed = bool(set(overrides) - BUDGET)
+    experiments = [Experiment(source, each, seeds, "tuned" if tuned else "", is_changed) for each in recipes]
+    return list({experiment.name: experiment for experiment in experiments}.values())
+
+
+def _seeds(options: Imitate | Transfer | Bench) -> range:
+    count, first = getattr(options, "seeds", 5), getattr(options, "first_seed", 0)
+    if count < 1 or first < 0:
+        raise InputError(f"--seeds {count} --first-seed {first}: expected at least 1 seed, and no negative number")
+    return range(first, first + count)
+
+
+@functools.cache
+def make_env(task: str, **settings) -> MjxTask:
+    """The environment of a task.
+
+    Raises:
+      InputError: for an unknown task, or one that cannot be made.
+    """
+    try:
+        return envs.make(task, **settings)
+    except envs.TaskError as e:
+        raise InputError(str(e)) from None
+
+
+def _source(task: str, env: MjxTask, path: Path | None) -> Source:
+    path = path or shipped_demonstrations(task)
+    demos = demonstrations.load(path, task, env.observation_size, env.action_size)
+    return Source(task, env, demos, path, _reference(task, env, path, demos))
+
+
+def target_of(options: Transfer) -> Target:
+    """The target of `eairl transfer`.
+
+    Raises:
+      InputError: for a setting that retraining does not have.
+    """
+    return make_target(options.target, _retrain_settings(options), options.restarts)
+
+
+def _retrain_settings(options: Transfer) -> tuple[str, ...]:
+    return (f"optimizer={options.optimizer}", *options.retrain_set)
+
+
+def make_target(task: str, assignments: tuple[str, ...] = (), restarts: int | None = None) -> Target:
+    """A task with its recipe for retraining. Reference returns are those of the shipped demonstrations.
+
+    Args:
+      assignments: a user's `name=value` for the recipe.
+      restarts: a user's number of restarts.
+
+    Raises:
+      InputError: for a setting that retraining does not have.
+    """
+    env, path = make_env(task), shipped_demonstrations(task)
+    overrides = parse_overrides(assignments)
+    training = recipe(task, env, "retrain", overrides | ({} if restarts is None else {"restarts": restarts}))
+    refuse_unread([training.config], overrides, reinforcement=True)
+    if "actions" in overrides:
+        raise InputError(
+            "--retrain-set actions: the reward fixes this setting; choose it while the reward is learned, with "
+            "--set actions=..."
+        )
+    return Target(task, env, training, _reference(task, env, path, demonstrations.load(path, task)))
+
+
+def refuse_other_sizes(source: str, target: str) -> None:
+    """Raises `InputError` unless both tasks have the same sizes of observations and actions."""
+    sizes = [(env.observation_size, env.action_size) for env in map(make_env, (source, target))]
+    if sizes[0] != sizes[1]:
+        raise InputError(
+            f"a reward of {source} (observations of {sizes[0][0]}, actions of {sizes[0][1]}) does not fit {target} "
+            f"({sizes[1][0]} and {sizes[1][1]}): choose tasks of the same sizes"
+        )
+
+
+def shipped_demonstrations(task: str) -> Path:
+    """The demonstrations of a task that come with the package.
+
+    Raises:
+      InputError: if there are none.
+    """
+    path = Path(str(files("eairl_jax.experiments") / "data" / f"{task}.npz"))
+    if not path.exists():
+        raise InputError(
+            f"no demonstrations of {task} come with the package: make some with `eairl expert {task}` and "
+            f"`eairl demos {task}`, then give them with --demos or, for a target task, put them at {path}"
+        )
+    return path
+
+
+def _reference(task: str, env: MjxTask, path: Path, demos: Demonstrations) -> Reference:
+    """Expert's and random actions' returns: from the provenance if it has them, else from the episodes."""
+    provenance = demonstrations.provenance(path) if path.with_suffix(".json").exists() else {}
+    if provenance and provenance.get("task") != task:
+        raise InputError(
+            f"{path.with_suffix('.json')} describes {provenance.get('task')!r}, not {task!r}: give demonstrations "
+            f"of {task!r}"
+        )
+    expert = provenance.get("expert_return", float(demos.reward.sum(axis=1).mean()))
+    random = provenance["random_return"] if "random_return" in provenance else random_return(env)
+    return Reference(expert, random)
+
+
+def random_return(env: MjxTask) -> float:
+    """Mean true return of uniformly random actions over 500 episodes."""
+    run = jax.jit(lambda key: evaluate(key, env, random_policy(env), SCORE_EPISODES, env.episode_length)[0])
+    return float(run(jax.random.PRNGKey(RANDOM_SEED)).mean())

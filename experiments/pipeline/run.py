@@ -1,0 +1,227 @@
+"""`run(experiment, out) -> Result`: from demonstrations to a score, or on from where an interrupted run stopped."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from eairl_jax import LearnedReward, load_reward, save_reward, storage
+from eairl_jax.experiments.display.plots import Curve, plot, plot_sweep
+from eairl_jax.experiments.pipeline import stages
+from eairl_jax.experiments.pipeline.experiment import Experiment, Target, Use
+from eairl_jax.experiments.pipeline.result import Reference, Result
+from eairl_jax.experiments.pipeline.run_folder import RunFolder, peak_memory_gb, settings_digest
+from eairl_jax.experiments.pipeline.train import final_returns
+from eairl_jax.methods import with_method_defaults
+
+
+def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
+    """Runs an experiment to its end, or goes on with it, or reads the result that it has.
+
+    Args:
+      out: folder of the experiment. A transfer shares its learning, and its ceiling, with other transfers through
+        folders beside `out`.
+      command_line: what the user typed, for the record.
+
+    Raises:
+      InputError: if `out` belongs to a different run, or cannot be written.
+      Diverged: when a metric is no longer finite.
+    """
+    folder = RunFolder(out, experiment.settings())
+    content = folder.summary()
+    if content is None:
+        result = _transfer(experiment, experiment.use, folder) if experiment.use else _imitate(experiment, folder)
+        result = dataclasses.replace(result, command_line=command_line)
+        folder.write_summary(result.to_json())
+    else:
+        result = Result.from_json(content, f"{folder.path}/summary.json")
+    if not (folder.path / "curves.png").exists():
+        _draw(experiment, folder, result)
+    return result
+
+
+def _imitate(experiment: Experiment, folder: RunFolder) -> Result:
+    """Learns in the source and scores the policies that learned; of a sweep, those of every point."""
+    algorithm, state = stages.learn(folder, experiment)
+    lanes = [lane["seed"] for lane in stages.lanes_of(experiment)]
+    returns = final_returns(experiment.source.env, algorithm, state, lanes).mean(axis=1)
+    if experiment.has_reward and not experiment.points:
+        last = stages.snapshot_path(folder, experiment.config.iterations)
+        save_reward(folder.path / "reward", load_reward(last))
+    return dataclasses.replace(
+        _result(experiment, returns, experiment.source.reference),
+        env_steps=experiment.config.env_steps,
+        points=list(experiment.points),
+        saturated_lanes=stages.saturated_lanes(folder, experiment),
+        **folder.seconds(),
+    )
+
+
+def _transfer(experiment: Experiment, use: Use, folder: RunFolder) -> Result:
+    """Learns a reward in the source, takes one by the rule, trains fresh policies on it in the target."""
+    out, learning = folder.path.parent, learning_folder(experiment, folder.path.parent)
+    imitation_returns = _learn_once(experiment, learning)
+    target, seeds = use.target, experiment.seeds
+    if use.rule.kind == "policy":
+        algorithm, state = stages.learn(learning, experiment)
+        returns, facts = final_returns(target.env, algorithm, state, seeds).mean(axis=1), {}
+    else:
+        reward, facts = stages.choose_reward(folder, learning, experiment, use)
+        save_reward(folder.path / "reward", reward)
+        _, returns = stages.score(folder, f"{experiment.name} in {target.task}", target, reward, seeds)
+        facts |= {"env_steps": target.recipe.config.env_steps}
+    return dataclasses.replace(
+        _result(experiment, returns, target.reference),
+        target=target.task,
+        rule=str(use.rule),
+        imitation_returns=imitation_returns,
+        ceiling=stages.ceiling(target, seeds, out),
+        retrain_settings=target.for_reward(experiment.config).settings(),
+        saturated_lanes=stages.saturated_lanes(learning, experiment),
+        **_sum(learning.seconds(), folder.seconds()),
+        **facts,
+    )
+
+
+def learning_folder(experiment: Experiment, out: Path) -> RunFolder:
+    """The folder in `out` where the reward of an experiment is learned, shared by all that learn it alike."""
+    settings = experiment.learning_settings()
+    return RunFolder(learning_path(out, experiment.source.task, experiment.learning_name, settings), settings)
+
+
+def learning_path(out: Path, task: str, learning_name: str, settings: dict) -> Path:
+    """The path of `learning_folder`, from what a `Result` holds."""
+    return out / f"learn-{task}-{learning_name}-{settings_digest(settings)}"
+
+
+def _learn_once(experiment: Experiment, learning: RunFolder) -> list[float]:
+    """Learns the rewards, once; returns how well each seed's policy imitates in the source."""
+    summary = learning.summary()
+    if summary is None:
+        algorithm, state = stages.learn(learning, experiment)
+        returns = final_returns(experiment.source.env, algorithm, state, experiment.seeds).mean(axis=1)
+        summary = {"imitation_returns": returns.tolist()}
+        learning.write_summary(summary)
+    return summary["imitation_returns"]
+
+
+def reuse(saved_reward: Path, reward: LearnedReward, target: Target, out: Path, command_line: str = "") -> Result:
+    """Trains fresh policies on a saved reward in the target, one for each of its seeds, and scores them.
+
+    Args:
+      saved_reward: folder that `reward` was loaded from; it names the run's folder in `out`.
+
+    Raises:
+      InputError: if that folder belongs to a run of another reward or of other settings.
+    """
+    seeds = reward.description["seeds"]
+    # The content of the reward, not its place: another reward in the same place is another run.
+    settings = target.settings() | {"reward": storage.fingerprint(reward.params), "seeds": seeds}
+    folder = RunFolder(out / f"reuse-{saved_reward.resolve().parent.name}-in-{target.task}", settings)
+    content = folder.summary()
+    if content is not None:
+        return Result.from_json(content, f"{folder.path}/summary.json")
+    name = f"{reward.config.method}-{with_method_defaults(reward.config).reward_form}"
+    curves, returns = stages.score(folder, f"{name} in {target.task}", target, reward, seeds)
+    result = Result(
+        name=name,
+        method=reward.config.method,
+        task=reward.description["task"],
+        target=target.task,
+        rule="as saved",
+        seeds=list(seeds),
+        returns=returns.tolist(),
+        **target.reference._asdict(),
+        env_steps=target.recipe.config.env_steps,
+        **folder.seconds(),
+        peak_memory_gb=peak_memory_gb(),
+        command_line=command_line,
+        is_published=False,
+        settings=settings,
+        chosen_iterations=reward.description.get("iterations", []),  # a reward that was saved by hand has none
+        ceiling=stages.ceiling(target, seeds, out),
+    )
+    folder.write_summary(result.to_json())
+    title = f"{name}: {result.task} to {target.task}"
+    plot(folder.path / "curves.png", title, [_retraining_curve(target, curves, result.ceiling)])
+    return result
+
+
+def _result(experiment: Experiment, returns: np.ndarray, reference: Reference) -> Result:
+    """What every result of an experiment has."""
+    return Result(
+        name=experiment.name,
+        method=experiment.config.method,
+        task=experiment.source.task,
+        seeds=list(experiment.seeds),
+        returns=returns.tolist(),
+        **reference._asdict(),
+        env_steps=0,
+        compile_seconds=0.0,
+        run_seconds=0.0,
+        peak_memory_gb=peak_memory_gb(),
+        command_line="",
+        is_published=experiment.is_published,
+        settings=experiment.learning_settings(),
+    )
+
+
+def _sum(*seconds: dict[str, float]) -> dict[str, float]:
+    return {name: sum(part[name] for part in seconds) for name in ("compile_seconds", "run_seconds")}
+
+
+# Curves --------------------------------------------------------------------------------------------------------------
+
+
+def _draw(experiment: Experiment, folder: RunFolder, result: Result) -> None:
+    """Saves `curves.png`; the pictures of a moved policy would be those of its learning, so it gets none."""
+    path, source = folder.path / "curves.png", experiment.source.task
+    if experiment.points:
+        returns = np.array(result.returns).reshape(len(result.points), -1)
+        curves = folder.curve("true_return", returns.size).reshape(*returns.shape, -1)
+        names, steps = [point_name(point) for point in result.points], experiment.config.steps_per_iteration
+        plot_sweep(path, f"{experiment.name} in {source}", names, returns, curves, steps, result.expert)
+    elif experiment.use is None:
+        plot(path, f"{experiment.name}: imitation of {source}", imitation_curves(folder, experiment))
+    elif experiment.use.rule.kind != "policy":
+        target, learning = experiment.use.target, learning_folder(experiment, folder.path.parent)
+        curves = [
+            dataclasses.replace(curve, panel=f"{curve.panel} while learning")
+            for curve in imitation_curves(learning, experiment)[:3]
+        ]
+        returns = stages.kept_curves(folder, target, len(experiment.seeds))
+        curves.append(_retraining_curve(target, returns, result.ceiling))
+        plot(path, f"{experiment.name}: {source} to {target.task}", curves)
+
+
+def imitation_curves(folder: RunFolder, experiment: Experiment) -> list[Curve]:
+    """True return, discriminator accuracy and reward while learning in `folder`."""
+    steps = experiment.config.steps_per_iteration
+
+    def curve(panel: str, label: str, name: str, level: tuple[str, float] | None = None) -> Curve:
+        return Curve(panel, label, folder.curve(name, len(experiment.seeds)), steps, level)
+
+    true = curve("true return", "", "true_return", ("expert", experiment.source.reference.expert))
+    if not experiment.has_reward:
+        return [true, curve("log-likelihood", "of the expert's actions", "log_prob_expert")]
+    return [
+        true,
+        curve("discriminator accuracy", "on the expert", "accuracy_expert", ("chance", 0.5)),
+        curve("discriminator accuracy", "on the policy", "accuracy_policy"),
+        curve("learned reward", "on the expert", "reward_expert"),
+        curve("learned reward", "on the policy", "reward_policy"),
+    ]
+
+
+def _retraining_curve(target: Target, returns: np.ndarray, ceiling: Sequence[float]) -> Curve:
+    title = f"true return in {target.task}, trained on the learned reward"
+    level = ("ceiling: true reward", float(np.mean(ceiling)))
+    return Curve(title, "", returns, target.recipe.config.steps_per_iteration, level)
+
+
+def point_name(point: dict[str, float]) -> str:
+    """`lambda_i 0.1, beta 1`."""
+    return ", ".join(f"{name} {value:g}" for name, value in point.items())

@@ -1,0 +1,222 @@
+"""Every setting that `--set` accepts: its default, its documentation, how it is read, and the recipe that it ends in."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import math
+import textwrap
+from dataclasses import dataclass, fields
+from typing import Any
+
+from eairl_jax import Config, HParams, InputError
+from eairl_jax.config import choose
+from eairl_jax.envs.mjx_task import MjxTask
+from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES
+from eairl_jax.methods import METHODS, uses_empowerment, with_method_defaults
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to train for one purpose."""
+
+    config: Config
+    hparams: HParams
+    snapshot_every: int = 40
+    """Iterations between two snapshots of the reward. A chunk of training is as long."""
+    restarts: int = 1
+    """Policies trained for each score. The one that its own reward rates best is kept."""
+    source_retrain_iterations: int = 1
+    """Iterations of a training by which the rule `source_retrain` judges a snapshot."""
+
+
+# The groups of a recipe's settings, and the default of each setting by its name.
+GROUPS: dict[str, dict[str, Any]] = {
+    "config": {field.name: field.default for field in fields(Config)},
+    "hparams": {field.name: field.default for field in fields(HParams)},
+    "recipe": {"snapshot_every": Recipe.snapshot_every},
+}
+SETTINGS: dict[str, Any] = {name: default for group in GROUPS.values() for name, default in group.items()}
+
+# A penalty costs time, so it is computed only where its weight is not 0.
+PENALTY_OF_WEIGHT = {
+    "gradient_penalty": "gradient",
+    "action_variance": "action_variance",
+    "input_sparsity": "input_sparsity",
+}
+
+
+def recipe(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any], tuned: bool = False) -> Recipe:
+    """The settings of a task for a purpose, with a user's overrides on top.
+
+    Args:
+      purpose: a key of `PURPOSE_DEFAULTS`.
+      tuned: whether to use this project's settings where they differ from the paper's.
+
+    Raises:
+      InputError: for an impossible setting, or if `tuned` and the task has no such settings.
+    """
+    values = _merged(task, env, purpose, overrides, tuned)
+    training = {field.name: values.pop(field.name, field.default) for field in fields(Recipe)[2:]}
+    values["penalties"] = tuple(penalty for weight, penalty in PENALTY_OF_WEIGHT.items() if values.get(weight))
+    hparams = HParams(**{name: value for name, value in values.items() if name in GROUPS["hparams"]})
+    config = Config(**{name: value for name, value in values.items() if name in GROUPS["config"]})
+    check_hparams(hparams, config)
+    result = Recipe(config, hparams, **training)
+    _check_training(result)
+    # A snapshot is never judged by a longer training than the one that it stands for.
+    return dataclasses.replace(
+        result, source_retrain_iterations=min(result.source_retrain_iterations, config.iterations)
+    )
+
+
+def _merged(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any], tuned: bool) -> dict[str, Any]:
+    """All sections that apply, the later ones on top."""
+    sections = RECIPES.get(task, {})
+    merged = {"episode_length": env.episode_length}
+    merged |= PURPOSE_DEFAULTS[purpose] | sections.get("all", {}) | sections.get(purpose, {})
+    for name in ("reward_form", "method"):
+        merged |= sections.get(f"{purpose} {overrides.get(name)}", {})
+    if tuned:
+        tasks = sorted(name for name in RECIPES if f"{purpose} tuned" in RECIPES[name])
+        if task not in tasks:
+            raise InputError(
+                f"--tuned: {task} has no tuned settings to {purpose}; these tasks have: {', '.join(tasks)}"
+            )
+        merged |= sections[f"{purpose} tuned"]
+    return merged | overrides
+
+
+def _check_training(recipe: Recipe) -> None:
+    every, iterations = recipe.snapshot_every, recipe.config.iterations
+    if every < 1:
+        raise InputError(f"snapshot_every = {every}: expected at least 1 iteration between two snapshots")
+    if iterations % every:
+        raise InputError(
+            f"iterations = {iterations} is not a multiple of snapshot_every = {every}: "
+            f"try --set snapshot_every={divisor(iterations, every)}"
+        )
+    if recipe.restarts < 1:
+        raise InputError(f"--restarts {recipe.restarts}: expected at least 1")
+
+
+def check_hparams(hparams: HParams, config: Config) -> None:
+    """Raises `InputError` for a float that no run can have."""
+    for name, value in dataclasses.asdict(hparams).items():
+        if not 0 <= value < math.inf:  # NaN too
+            raise InputError(f"{name} = {value}: expected a number, 0 or more")
+    if config.optimizer == "trpo" and not hparams.kl_limit > 0:
+        raise InputError(f"kl_limit = {hparams.kl_limit}: TRPO never moves then; expected more than 0, e.g. 0.01")
+    if not hparams.std_final_fraction > 0:
+        raise InputError(
+            f"std_final_fraction = {hparams.std_final_fraction}: expected a share of the policy's std above 0, e.g. 0.1"
+        )
+    for name in ("gamma", "gae_lambda"):
+        if getattr(hparams, name) > 1:
+            raise InputError(f"{name} = {getattr(hparams, name)}: expected at most 1")
+
+
+def parse_overrides(assignments: tuple[str, ...]) -> dict[str, Any]:
+    """Reads `name=value` pairs, each value by the type of the setting.
+
+    Raises:
+      InputError: for a name that is no setting (the message gives the nearest ones), or a value of another type.
+    """
+    overrides = {}
+    for assignment in assignments:
+        name, equals, text = assignment.partition("=")
+        if not equals:
+            raise InputError(f"--set {assignment}: expected name=value, e.g. --set lambda_i=0.1")
+        choose_setting(name)
+        overrides[name] = _parse(name, text, SETTINGS[name])
+    return overrides
+
+
+def choose_setting(name: str) -> None:
+    """Raises `InputError` unless `name` is a setting."""
+    try:
+        choose("setting", name, SETTINGS)
+    except InputError as e:
+        raise InputError(f"{e}. `eairl settings` explains every setting") from None
+
+
+def _parse(name: str, text: str, default: Any) -> Any:
+    if name == "penalties":
+        weights = ", ".join(f"{weight}=1" for weight in PENALTY_OF_WEIGHT)
+        raise InputError(f"--set {name}: penalties follow from their weights; set one of {weights}")
+    try:
+        if isinstance(default, bool):
+            return {"true": True, "false": False}[text.lower()]
+        if isinstance(default, tuple):
+            return tuple(int(width) for width in text.split(","))
+        return type(default)(text)
+    except (KeyError, ValueError):
+        example = ",".join(map(str, default)) if isinstance(default, tuple) else str(default).lower()
+        raise InputError(
+            f"--set {name}={text}: expected something like {name}={example}; `eairl settings` explains every setting"
+        ) from None
+
+
+def divisor(iterations: int, near: int) -> int:
+    """The largest divisor of `iterations` that is at most `near`."""
+    return next(n for n in range(min(near, iterations), 0, -1) if iterations % n == 0)
+
+
+EMPOWERMENT = frozenset(
+    {"lambda_i", "beta", "phi_lr", "inverse_lr", "empowerment_updates", "empowerment_batch", "inverse_loss"}
+    | {"phi_sync_interval", "l_i_power", "l_i_actions", "l_i_in", "policy_phi"}
+)
+ADVERSARY = frozenset(
+    {"discriminator_lr", "history", "history_length", "policy_reset_every", "shaping", "shaping_discount"}
+    | {"reward_form", "reward_obs", "action_part", "discriminates", "update_order", "hidden"}
+    | {"gradient_penalty", "action_variance", "input_sparsity"}
+)
+TRPO = frozenset({"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"})
+PPO = frozenset({"clip_eps", "max_grad_norm"})
+# The temperature belongs to a reward that is given; an adversarial method's reward contains -log pi by itself.
+TEMPERATURE = frozenset({"temperature", "temperature_final_fraction"})
+REINFORCEMENT = frozenset({"gamma", "gae_lambda", "entropy_weight", "entropy_final_fraction", "std_final_fraction"})
+
+
+def unread_settings(config: Config) -> frozenset[str]:
+    """The settings that a method with its optimiser never reads."""
+    unread = PPO if config.optimizer == "trpo" else TRPO
+    if config.method not in METHODS:  # behaviour cloning
+        return PPO | TRPO | EMPOWERMENT | ADVERSARY | REINFORCEMENT
+    config = with_method_defaults(config)
+    if config.reward_form != "separable":
+        unread |= {"action_part"}
+    return unread if uses_empowerment(config) else unread | EMPOWERMENT
+
+
+def refuse_unread(configs: list[Config], overrides: dict[str, Any], reinforcement: bool = False) -> None:
+    """Raises `InputError` for an override that none of the configurations reads.
+
+    Args:
+      reinforcement: whether policies are trained on a given reward, which reads no setting of a discriminator.
+    """
+    unread = frozenset.intersection(*(unread_settings(config) for config in configs))
+    if reinforcement:
+        unread |= EMPOWERMENT | ADVERSARY | {"method", "discriminator_updates", "discriminator_batch"}
+    else:
+        unread |= TEMPERATURE
+    names = sorted(unread & set(overrides))
+    if names:
+        methods = ", ".join(dict.fromkeys(f"{config.method} with {config.optimizer}" for config in configs))
+        reader = "reinforcement learning" if reinforcement else methods
+        raise InputError(f"{', '.join(names)}: not a setting of {reader}; leave it out")
+
+
+def documentation() -> dict[str, str]:
+    """What the string below each field of `Config`, `HParams` and `Recipe` says, by the field's name."""
+    return {name: text for cls in (Config, HParams, Recipe) for name, text in _field_docstrings(cls).items()}
+
+
+def _field_docstrings(cls: type) -> dict[str, str]:
+    body = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0].body  # pyright: ignore
+    texts = {}
+    for field, below in zip(body, body[1:], strict=False):
+        if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+            texts[field.target.id] = " ".join(str(below.value.value).split())  # pyright: ignore
+    return texts

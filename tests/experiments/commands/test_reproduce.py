@@ -1,0 +1,97 @@
+"""`eairl reproduce` and `eairl report`: the paper's experiments, in small."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from eairl_jax.experiments.paper import plan
+from eairl_jax.experiments.paper.plan import Entry
+
+
+def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys, run):
+    entries = [Entry(task, "bc") for task in ("pendulum", "point_maze_left", "ant")]
+    monkeypatch.setattr(plan, "EXPERIMENTS", {"table2": entries})
+    monkeypatch.setattr(plan, "short", lambda quick: tiny[:2] + tiny[-2:])
+    arguments = ["reproduce", "table2", "--quick", "--out", tmp_path]  # of these tasks the ant is not a quick one
+    assert run(*arguments) == 0
+    printed = capsys.readouterr().out
+    assert "table2: pendulum, 2 seeds" in printed
+    rows = json.loads((tmp_path / "table2.json").read_text())["rows"]
+    assert [(r["row"], r["task"], r["target"], r["seeds"]) for r in rows] == [
+        ("bc", "point_maze_left", None, [20, 21]), ("bc", "pendulum", None, [20, 21]),
+    ]  # fmt: skip
+    assert rows[1]["settings"]["config"]["method"] == "bc"
+    assert rows[0]["machine"]["versions"]["jax"]
+    # Only the row that was lost is trained again.
+    (tmp_path / "imitate-pendulum-bc" / "summary.json").unlink()
+    monkeypatch.setattr("eairl_jax.Lanes.run", lambda *_: pytest.fail("trained again"))
+    assert run(*arguments) == 0
+    again = json.loads((tmp_path / "table2.json").read_text())["rows"]
+    assert [r["returns"] for r in again] == [r["returns"] for r in rows]
+    # Rows of other seeds or settings are not replaced.
+    capsys.readouterr()
+    with monkeypatch.context() as patch:
+        patch.setattr(plan, "QUICK_SEEDS", 1)
+        assert run(*arguments) == 2
+        assert "holds bc of point_maze_left with seeds 20 to 21" in capsys.readouterr().err
+    monkeypatch.setattr(plan, "short", lambda quick: (*tiny[:2], *tiny[-2:], "policy_lr=0.5"))
+    assert run(*arguments) == 2
+    assert "holds bc of point_maze_left with other settings" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys, run, metrics_lines):
+    pair = ("point_maze_left", "point_maze_right")
+    eairl = [Entry(pair[0], "eairl", "default", pair[1], rule) for rule in ("last", "policy", "random")]
+    changed = Entry(pair[0], "eairl", "default", pair[1], settings=("lambda_i=0",))
+    retrained = Entry(pair[0], "eairl", "default", pair[1], retrain=("entropy_weight=1",))
+    monkeypatch.setattr(plan, "EXPERIMENTS", {"table1": eairl, "table2": [], "ablations": [changed, retrained]})
+    monkeypatch.setattr(plan, "short", lambda quick: tiny[:2] + tiny[-2:])
+    monkeypatch.setattr("eairl_jax.experiments.paper.reward_distance.TRANSITIONS", 16)
+    assert run("reproduce", "all", "--quick", "--out", tmp_path) == 0
+    rows = json.loads((tmp_path / "table1.json").read_text())["rows"]
+    assert [(r["rule"], r["target"]) for r in rows] == [
+        ("last", pair[1]), ("policy", pair[1]), ("random", pair[1]),
+    ]  # fmt: skip
+    last, policy, random = rows
+    assert set(last["closeness"]) == {"source", "target"}
+    assert len(last["closeness"]["target"]["epic"]) == 2
+    # What the kept restarts were worth to the reward in their last iteration.
+    ended = [r for r in metrics_lines(tmp_path / "transfer-point_maze_left-to-point_maze_right-eairl-sa-last")
+             if r["iteration"] == "4"]  # fmt: skip
+    kept = [max(float(r["policy_reward"]) for r in ended if r["seed"] == seed) for seed in ("20", "21")]
+    np.testing.assert_allclose(last["closeness"]["target"]["worth, retrained"], kept, rtol=1e-5)
+    # The policy was moved as it was, and the random reward is that of before learning.
+    assert "curve" not in policy
+    assert random["chosen_iterations"] == [0, 0]
+    # The mazes differ by their barrier alone, which hardly anybody has reached after so little training.
+    np.testing.assert_allclose(policy["returns"], last["imitation_returns"], rtol=0.2)
+    assert (tmp_path / "figure2.png").stat().st_size > 10_000
+    assert (tmp_path / "appendix-c-point_maze_left.png").stat().st_size > 10_000
+    changed_row, retrained_row = json.loads((tmp_path / "ablations.json").read_text())["rows"]
+    assert changed_row["row"] == "eairl-sa+lambda_i=0"
+    assert [r["is_published"] for r in (last, changed_row, retrained_row)] == [True, False, False]
+    # Retrained by other settings, on the reward that the table's row learned.
+    assert retrained_row["row"] == "eairl-sa+retrain_entropy_weight=1"
+    assert retrained_row["retrain_settings"]["retrain_hparams"]["entropy_weight"] == 1
+    assert retrained_row["imitation_returns"] == last["imitation_returns"]
+    assert retrained_row["returns"] != last["returns"]
+    assert len(list(tmp_path.glob("learn-*"))) == 2
+    page = tmp_path / "report.html"
+    assert run("report", "--results", tmp_path, "--out", page) == 0
+    text = page.read_text()
+    assert "point_maze_left to point_maze_right" in text
+    assert "EAIRL, lambda_i=0" in text
+    assert not re.search(r'(src|href)="http', text)
+    # Nothing is trained twice, and the second page is the first.
+    monkeypatch.setattr("eairl_jax.Lanes.run", lambda *_: pytest.fail("trained again"))
+    assert run("reproduce", "all", "--quick", "--out", tmp_path) == 0
+    assert run("report", "--results", tmp_path, "--out", page) == 0
+    assert page.read_text() == text
+
+
+def test_an_experiment_without_the_task_is_refused(capsys, run):
+    assert run("reproduce", "table1", "--task", "pendulum") == 2
+    assert "--task pendulum: table1 has ant, point_maze_left, point_maze_right" in capsys.readouterr().err

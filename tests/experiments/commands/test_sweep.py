@@ -1,0 +1,41 @@
+"""`eairl sweep`: all points in one program."""
+
+import json
+
+import numpy as np
+
+
+def test_a_sweep_is_its_single_runs_side_by_side(tmp_path, tiny, capsys, run, imitate, metrics_lines, table):
+    arguments = ["sweep", "pendulum", "--seeds", 2, "--out", tmp_path / "sweep", "--set", *tiny]
+    arguments += ["lambda_i=0,10", "gradient_penalty=0,1"]
+    assert run(*arguments) == 0
+    printed = table(capsys)
+    summary = json.loads((tmp_path / "sweep" / "summary.json").read_text())
+    points = [(i, g) for i in (0.0, 10.0) for g in (0.0, 1.0)]
+    assert [(p["lambda_i"], p["gradient_penalty"]) for p in summary["points"]] == points
+    by_point = np.reshape(summary["returns"], (4, 2))
+    for of_seeds, (i, g) in zip(by_point, points, strict=True):
+        line = next(line for line in printed.splitlines() if f"lambda_i {i:g}, gradient_penalty {g:g} " in line)
+        assert f"{of_seeds.mean():.2f} ± {of_seeds.std():.2f}" in line
+    assert (tmp_path / "sweep" / "curves.png").read_bytes().startswith(b"\x89PNG")
+    swept = metrics_lines(tmp_path / "sweep")
+    assert len(swept) == 4 * len(points) * 2
+    curves, returns = {}, []
+    for point, of_seeds in zip(points, by_point, strict=True):
+        curves[point] = [r for r in swept if (float(r["lambda_i"]), float(r["gradient_penalty"])) == point]
+        if point[1]:
+            continue
+        single = tmp_path / f"single {point}"
+        assert imitate(single, [*tiny, f"lambda_i={point[0]}"]) == 0
+        alone = metrics_lines(single)
+        numbers = [[[float(r[name]) for name in alone[0]] for r in rows] for rows in (curves[point], alone)]
+        np.testing.assert_allclose(*numbers, rtol=1e-3, atol=1e-4)
+        returns.append((of_seeds, json.loads((single / "summary.json").read_text())["returns"]))
+    losses = {tuple(float(r["policy_loss"]) for r in rows) for rows in curves.values()}
+    assert len(losses) == len(points), "every setting counts"
+    # The same command again computes nothing.
+    before = (tmp_path / "sweep" / "metrics.csv").stat().st_mtime_ns
+    assert run(*arguments) == 0
+    assert (tmp_path / "sweep" / "metrics.csv").stat().st_mtime_ns == before
+    for together, alone in returns:
+        np.testing.assert_allclose(together, alone, rtol=1e-3, err_msg="scored in the same episodes")

@@ -1,0 +1,53 @@
+"""`eairl transfer`: from demonstrations to a score in another task."""
+
+import json
+
+import numpy as np
+import pytest
+
+from eairl_jax import METHODS, load_reward
+
+
+def test_transfer_scores_a_chosen_reward(tmp_path, tiny, capsys, run, rl_settings):
+    arguments = ["transfer", "point_maze_left", "point_maze_right", "--reward-form", "separable", "--seeds", 2]
+    settings = ["--set", *tiny, "--retrain-set", *rl_settings]
+    assert run(*arguments, "--out", tmp_path / "run", *settings) == 0
+    (folder,), (learned,) = ((tmp_path / "run").glob(f"{name}-*") for name in ("transfer", "learn"))
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["target"] == "point_maze_right"
+    source = np.array(summary["source_returns"])  # [snapshot, seed]
+    chosen = [summary["snapshots"][best] for best in source.argmax(axis=0)]
+    assert summary["chosen_iterations"] == chosen
+    reward = load_reward(folder / "reward")
+    assert reward.description["iterations"] == chosen
+    for seed, iteration in enumerate(chosen):
+        snapshot = load_reward(learned / "snapshots" / f"{iteration:06d}")
+        obs, action = np.array([0.1, 0.2]), np.array([0.3, -0.4])
+        assert reward(obs, action, seed) == snapshot(obs, action, seed)
+    assert len(summary["ceiling"]) == 2
+    # The policies that were kept of the restarts can be scored again, also by the C engine.
+    figures = tmp_path / "figures.json"
+    assert run("evaluate", folder, "--engine", "c", "--episodes", 2, "--json", figures) == 0
+    returns = json.loads(figures.read_text())["returns"]
+    np.testing.assert_allclose(np.mean(returns["MJX"], axis=1), summary["returns"], rtol=1e-5)
+    np.testing.assert_allclose(returns["C engine"], returns["MJX"], rtol=0.02)
+    # And the artefact can be put to use again.
+    assert run("transfer", "point_maze_right", "point_maze_left", "--reward", folder / "reward") == 2
+    assert "was learned in point_maze_left, not in point_maze_right" in capsys.readouterr().err
+    again = ["transfer", "point_maze_left", "point_maze_right", "--reward", folder / "reward"]
+    assert run(*again, "--out", tmp_path / "again", "--retrain-set", *rl_settings) == 0
+    (folder,) = (tmp_path / "again").glob("reuse-*")
+    reused = json.loads((folder / "summary.json").read_text())
+    assert reused["returns"] == summary["returns"]
+
+
+@pytest.mark.slow
+def test_every_method_moves_its_reward_to_the_crippled_ant(tmp_path, tiny, run, rl_settings):
+    arguments = ["transfer", "ant", "crippled_ant", "--method", *METHODS, "--seeds", 1, "--restarts", 1]
+    settings = ["--set", *tiny, "rollout_length=500", "--retrain-set", *rl_settings]
+    assert run(*arguments, "--rule", "last", "--out", tmp_path, *settings) == 0
+    folders = list(tmp_path.glob("transfer-ant-to-crippled_ant-*"))
+    assert len(folders) == len(METHODS)
+    for folder in folders:
+        assert np.isfinite(json.loads((folder / "summary.json").read_text())["returns"]).all()
+        assert load_reward(folder / "reward").description["task"] == "ant"

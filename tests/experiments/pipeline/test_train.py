@@ -1,0 +1,69 @@
+"""A training goes on where it was killed, and stops at a NaN."""
+
+import numpy as np
+
+from eairl_jax import Checkpoints, Lanes
+from eairl_jax.experiments.pipeline import train
+from eairl_jax.experiments.pipeline.run_folder import RunFolder
+
+
+def test_a_killed_run_goes_on_bit_identically(finished, tmp_path, tiny, monkeypatch, imitate):
+    class Killed(Checkpoints):
+        """Dies before the second checkpoint: the second chunk's metrics are on disk, its state is not."""
+
+        def save(self, iteration, state):
+            if iteration == 4:
+                raise KeyboardInterrupt
+            super().save(iteration, state)
+
+    monkeypatch.setattr(train, "Checkpoints", Killed)
+    assert imitate(tmp_path / "killed", tiny) == 130
+    assert Checkpoints(tmp_path / "killed" / "checkpoints").latest() == 2
+    monkeypatch.setattr(train, "Checkpoints", Checkpoints)
+    assert imitate(tmp_path / "killed", tiny) == 0
+    for name in ("metrics.csv", "reward/reward.npz"):
+        assert (tmp_path / "killed" / name).read_bytes() == (finished / name).read_bytes(), name
+    states = [read_state(folder) for folder in (finished, tmp_path / "killed")]
+    assert states[0].keys() == states[1].keys()
+    for name, leaf in states[0].items():
+        np.testing.assert_array_equal(leaf, states[1][name], err_msg=name)
+
+
+def read_state(folder):
+    """The last checkpoint's leaves."""
+    import orbax.checkpoint as ocp
+
+    manager = ocp.CheckpointManager((folder / "checkpoints").resolve())
+    return manager.restore(4, args=ocp.args.StandardRestore())
+
+
+def test_nan_stops_the_run_and_keeps_the_last_good_checkpoint(tmp_path, tiny, monkeypatch, capsys, imitate):
+    run_lanes = Lanes.run
+
+    def poisoned(self, state, length):
+        state, metrics = run_lanes(self, state, length)
+        if (tmp_path / "run" / "snapshots" / "000002").exists():
+            metrics["value_loss"] = metrics["value_loss"].copy()
+            metrics["value_loss"][1, 1] = np.nan
+        return state, metrics
+
+    monkeypatch.setattr(Lanes, "run", poisoned)
+    assert imitate(tmp_path / "run", tiny) == 1
+    message = capsys.readouterr().err
+    assert "value_loss" in message
+    assert "iteration 4" in message
+    assert Checkpoints(tmp_path / "run" / "checkpoints").latest() == 2
+
+
+def test_a_disk_that_fails_is_reported_and_nothing_is_lost(tmp_path, tiny, monkeypatch, capsys, imitate):
+    def full(*_arguments, **_more):
+        raise OSError(28, "No space left on device", "metrics.csv")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RunFolder, "append_metrics", full)
+        assert imitate(tmp_path / "run", tiny) == 2
+    assert "No space left" in capsys.readouterr().err
+    assert imitate(tmp_path / "run", tiny) == 0
+    (tmp_path / "file").write_text("")
+    assert imitate(tmp_path / "file" / "run", tiny) == 2
+    assert "cannot write" in capsys.readouterr().err

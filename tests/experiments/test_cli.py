@@ -1,0 +1,127 @@
+"""The command line: bad input is one clear message, and help is fast."""
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from eairl_jax.experiments.options import COMMANDS
+from eairl_jax.experiments.pipeline.experiment import shipped_demonstrations
+from eairl_jax.methods import names
+
+
+@pytest.mark.parametrize("command", ["imitate", "transfer", "bench"])
+def test_the_help_names_every_method(command, capsys, run):
+    assert run(command, "--help") == 0
+    text = " ".join(re.sub("[│╭╮╰╯─]", " ", capsys.readouterr().out).split())
+    assert re.search(r"One or more of (.*?) \(to imitate\);", text)[1].split(", ") == list(names())
+
+
+REFUSED = {
+    "unknown task": (["imitate", "pendulm"], "did you mean pendulum"),
+    "unknown method": (["imitate", "pendulum", "--method", "eairll"], "did you mean eairl"),
+    "unknown setting": (["imitate", "pendulum", "--set", "lamda_i=1"], "did you mean lambda_i"),
+    "no value": (["imitate", "pendulum", "--set", "lambda_i"], "expected name=value"),
+    "wrong type": (["imitate", "pendulum", "--set", "num_envs=many"], "expected something like num_envs="),
+    "indivisible batch": (["imitate", "pendulum", "--set", "ppo_minibatches=7"], "divisor"),
+    "negative rate": (["imitate", "pendulum", "--set", "policy_lr=-1"], "policy_lr"),
+    "snapshots": (["imitate", "pendulum", "--set", "iterations=50"], "snapshot_every=25"),
+    "nothing tuned": (["imitate", "pendulum", "--tuned"], "half_cheetah"),
+    "a temperature of its own": (["imitate", "pendulum", "--set", "temperature=1"], "temperature: not a setting of"),
+    "no seeds": (["imitate", "pendulum", "--seeds", "0"], "at least 1"),
+    "sizes": (["transfer", "pendulum", "point_maze_left"], "same sizes"),
+    "unknown rule": (["transfer", "point_maze_left", "point_maze_right", "--rule", "best"], "source_retrain"),
+    "unkept iteration": (["transfer", "point_maze_left", "point_maze_right", "--rule", "iteration=7"], "no snapshot"),
+    "no reward": (["transfer", "point_maze_left", "point_maze_right", "--reward", "nowhere"], "reward.json"),
+    "learning beside a learned reward": (
+        ["transfer", "point_maze_left", "point_maze_right", "--reward", "nowhere", "--seeds", "2", "--rule", "last"],
+        "--seeds, --rule: these options say how a reward is learned",
+    ),
+    "no expert": (["demos", "pendulum", "--expert", "nowhere"], "eairl expert pendulum"),
+    "nothing to transfer": (["transfer", "point_maze_left", "point_maze_right", "--method", "bc"], "learns no reward"),
+    "another method's setting": (["imitate", "pendulum", "--method", "gail", "--set", "lambda_i=1"], "leave it out"),
+    "cut trajectories": (["imitate", "pendulum", "--method", "gan_gcl", "--set", "rollout_length=150"], "multiple"),
+    "no trust region": (["imitate", "pendulum", "--optimizer", "trpo", "--set", "kl_limit=0"], "kl_limit"),
+    "PPO's setting": (["imitate", "pendulum", "--optimizer", "trpo", "--set", "clip_eps=0.1"], "clip_eps"),
+    "TRPO's setting": (["imitate", "pendulum", "--set", "kl_limit=0.1"], "not a setting of eairl with ppo"),
+    "sweep of an integer": (["sweep", "pendulum", "--set", "num_envs=5,10"], "only floats"),
+    "sweep of nothing": (["sweep", "pendulum", "--set", "lambda_i=1"], "give a list of values"),
+    "a bad point": (["sweep", "pendulum", "--set", "gradient_penalty=0,-1"], "gradient_penalty = -1.0"),
+    "sweep of no setting": (["sweep", "pendulum", "--set", "lamda_i=0,1"], "did you mean lambda_i"),
+    "penalties": (["imitate", "pendulum", "--set", "penalties=gradient"], "gradient_penalty="),
+    "clipped cloning": (["imitate", "pendulum", "--method", "bc", "--set", "clip_eps=0.1"], "clip_eps"),
+    "no experts": (["expert", "pendulum", "--seeds", "0"], "at least 1"),
+    "bench of bc": (["bench", "pendulum", "--method", "bc"], "not adversarial"),
+    "evaluation of nothing": (["evaluate", "nowhere"], "no run's folder"),
+    "view of nothing": (["view", "nowhere"], "no run's folder"),
+    "brackets": (["evaluate", "[/x]"], "[/x] is no run's folder"),
+    "snapshots of nothing": (["imitate", "pendulum", "--set", "snapshot_every=0"], "snapshot_every = 0"),
+    "one episode": (["evaluate", "nowhere", "--episodes", "1"], "at least 2"),
+    "std that ends at nothing": (["imitate", "pendulum", "--set", "std_final_fraction=0"], "std_final_fraction = 0.0"),
+    "actions that a reward does not know": (
+        ["transfer", "point_maze_left", "point_maze_right", "--retrain-set", "actions=clipped"],
+        "with --set actions=",
+    ),
+    "no quick row": (["reproduce", "table1", "--quick", "--task", "pendulum"], "no quick row"),
+    "missing demonstrations": (["imitate", "pendulum", "--demos", "nowhere.npz"], "is not there"),
+}
+
+
+@pytest.mark.parametrize("arguments, hint", REFUSED.values(), ids=REFUSED)
+def test_bad_input_is_one_clear_message(arguments, hint, tmp_path, monkeypatch, capsys, run):
+    monkeypatch.chdir(tmp_path)
+    assert run(*arguments) == 2
+    error = capsys.readouterr().err
+    assert hint in error
+    assert "Traceback" not in error
+    assert not list(tmp_path.iterdir()), "nothing is written before the input is checked"
+
+
+DAMAGES = {
+    "another task": (lambda a: a | {"task": np.asarray("ant")}, "ant"),
+    "wrong shape": (lambda a: a | {"action": a["action"][:, :-1]}, "expected"),
+    "NaN": (lambda a: a | {"obs": np.full_like(a["obs"], np.nan)}, "NaN or infinite at episode 0, step 0"),
+    "missing array": (lambda a: {k: v for k, v in a.items() if k != "next_obs"}, "lacks next_obs"),
+    "other sizes": (lambda a: a | {"obs": a["obs"][..., :2]}, "expected"),
+}
+
+
+def damaged(folder, change):
+    """A copy of the shipped pendulum demonstrations with one thing wrong."""
+    with np.load(shipped_demonstrations("pendulum")) as archive:
+        arrays = change(dict(archive))
+    path = folder / "damaged.npz"
+    np.savez(path, **arrays)
+    return path
+
+
+@pytest.mark.parametrize("change, hint", DAMAGES.values(), ids=DAMAGES)
+def test_damaged_demonstrations_are_refused(change, hint, tmp_path, capsys, run):
+    assert run("imitate", "pendulum", "--demos", damaged(tmp_path, change), "--out", tmp_path / "run") == 2
+    assert hint in capsys.readouterr().err
+
+
+def test_help_imports_no_jax():
+    """Help answers in half a second; importing jax alone takes longer."""
+    program = (
+        "import sys, contextlib\n"
+        "from eairl_jax.experiments import cli\n"
+        "with contextlib.suppress(SystemExit):\n"
+        "    cli.main(['--help'])\n"
+        "print(sorted({'jax', 'mujoco', 'brax', 'flax'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    for command in COMMANDS:
+        assert command in done.stdout
+
+
+def test_settings_explain_themselves(run, capsys):
+    assert run("settings", "point_maze_left") == 0
+    printed = capsys.readouterr().out
+    for word in ("lambda_i", "ppo_epochs", "snapshot_every", "reward separable", "normalize_obs=none"):
+        assert word in printed
+    assert run("settings", "point_maze") == 2
+    assert "did you mean" in capsys.readouterr().err

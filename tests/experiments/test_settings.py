@@ -1,0 +1,52 @@
+"""Every setting is documented, parsed by its type, and ends in one recipe."""
+
+import pytest
+
+from eairl_jax import InputError, envs
+from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES
+from eairl_jax.experiments.settings import SETTINGS, divisor, documentation, parse_overrides, recipe
+
+
+def test_every_setting_is_documented():
+    texts = documentation()
+    assert {name for name in SETTINGS if len(texts.get(name, "")) < 10} <= UNDOCUMENTED
+    assert "empowerment" in texts["beta"].lower()
+
+
+UNDOCUMENTED: set[str] = set()
+
+
+def test_values_are_read_by_the_type_of_the_setting():
+    read = parse_overrides(("gamma=0.5", "num_envs=3", "hidden=8,9", "state_dependent_std=true", "method=gail"))
+    assert read == {"gamma": 0.5, "num_envs": 3, "hidden": (8, 9), "state_dependent_std": True, "method": "gail"}
+    with pytest.raises(InputError, match=r"did you mean lambda_i.*`eairl settings` explains"):
+        parse_overrides(("lamda_i=1",))
+
+
+def test_every_section_of_a_recipe_is_read():
+    """A section that no purpose, form or method asks for would be dead."""
+    for sections in RECIPES.values():
+        for name in sections:
+            purpose, _, rest = name.partition(" ")
+            assert name == "all" or purpose in PURPOSE_DEFAULTS
+            assert rest in ("", "tuned", "separable", "gan_gcl")
+
+
+def test_later_sections_win():
+    env = envs.make("point_maze_left")
+    plain = recipe("point_maze_left", env, "reward", {})
+    separable = recipe("point_maze_left", env, "reward", {"reward_form": "separable"})
+    changed = recipe("point_maze_left", env, "reward", {"reward_form": "separable", "lambda_i": 5.0})
+    assert [r.hparams.lambda_i for r in (plain, separable, changed)] == [1.0, 0.01, 5.0]
+    assert plain.config.episode_length == env.episode_length
+
+
+def test_a_penalty_is_computed_only_where_it_has_a_weight():
+    env = envs.make("pendulum")
+    assert recipe("pendulum", env, "imitate", {}).config.penalties == ()
+    assert recipe("pendulum", env, "imitate", {"gradient_penalty": 1.0}).config.penalties == ("gradient",)
+
+
+@pytest.mark.parametrize("iterations, near, largest", [(200, 40, 40), (50, 40, 25), (7, 40, 7), (7, 3, 1)])
+def test_divisor(iterations, near, largest):
+    assert divisor(iterations, near) == largest
