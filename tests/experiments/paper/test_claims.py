@@ -126,6 +126,6 @@ def test_improvements_are_over_common_tasks(make_result, results_of):
         make_result("gail-sa", [5.0, 5.0], "ant"),
         make_result("bc", [5.0, 5.0]),
     ]
-    found = {each.theirs: each for each in improvements(results_of(results))}
-    assert (found["GAIL"].chance.value, found["GAIL"].tasks) == (0.5, 2)
-    assert (found["behaviour cloning"].chance.value, found["behaviour cloning"].tasks) == (1.0, 1)
+    improvement_over = {each.theirs: each for each in improvements(results_of(results))}
+    assert (improvement_over["GAIL"].chance.value, improvement_over["GAIL"].tasks) == (0.5, 2)
+    assert (improvement_over["behaviour cloning"].chance.value, improvement_over["behaviour cloning"].tasks) == (1.0, 1)
