@@ -6,7 +6,7 @@ import pytest
 
 from eairl_jax import METHODS, Config, InputError
 from eairl_jax.config import METHOD_DEFAULTS
-from eairl_jax.methods import with_method_defaults, uses_empowerment
+from eairl_jax.methods import uses_empowerment, with_method_defaults
 
 REFUSED = [
     *({name: 0} for name in (
