@@ -25,7 +25,7 @@ def cost(pi, log_prob, weights):
 
 @pytest.fixture(scope="module")
 def program(tiny):
-    """`(optimizer, init, update)` of a configuration, compiled once: `update(policy, batch, hparams, weights of cost)`."""
+    """`(optimizer, init, update)` of a configuration, compiled once: `update(policy, batch, hparams, weights)`."""
 
     @functools.cache
     def make(**changes):
@@ -148,7 +148,7 @@ def test_the_penalty_is_a_cost_on_log_pi(problem):
 
 
 def test_penalty_data_stays_with_its_transition(problem):
-    optimizer, policy, batch, update = problem(ppo_epochs=3, ppo_minibatches=4)
+    optimizer, policy, batch, _ = problem(ppo_epochs=3, ppo_minibatches=4)
     seen = []
 
     def penalty(pi, log_prob, data):

@@ -54,7 +54,10 @@ def test_a_round_trip_gives_the_same_rewards_for_raw_observations(tmp_path, lear
 
 @pytest.mark.parametrize(("obs_size", "action_size"), [(3, 2), (4, 6), (3, 1)])
 def test_other_sizes_are_refused_with_both(saved, obs_size, action_size):
-    both = f"observations of length 4, actions of length 2.*observations of length {obs_size} and actions of length {action_size}"
+    both = (
+        "observations of length 4, actions of length 2.*"
+        f"observations of length {obs_size} and actions of length {action_size}"
+    )
     with pytest.raises(InputError, match=both):
         load_reward(saved, obs_size, action_size)
     with pytest.raises(InputError, match=both):
