@@ -93,10 +93,9 @@ def adversarial(stays, **changes):
 
     @jax.jit
     def fit(fitted, expert_rows, policy_rows, log_prob, lr):
-        seen = (
-            train_state.take_samples(pairs._replace(log_prob=log_prob), 1, rows) for rows in (expert_rows, policy_rows)
-        )
-        return discriminator.fit(fitted, *seen, HParams(gamma=GAMMA, discriminator_lr=lr), config)[0]
+        scored = pairs._replace(log_prob=log_prob)
+        samples = (train_state.take_samples(scored, 1, rows) for rows in (expert_rows, policy_rows))
+        return discriminator.fit(fitted, *samples, HParams(gamma=GAMMA, discriminator_lr=lr), config)[0]
 
     def draw(share):  # evenly spaced quantiles, shifted at random
         at = (np.arange(BATCH) + rng.random((UPDATES, 1))) / BATCH

@@ -1,1 +1,1 @@
-"""All that a person sees: the terminal, plots, pictures and pages."""
+"""Everything that a person sees: the terminal, plots, pictures and pages. Nothing here imports other experiments."""

@@ -1,4 +1,4 @@
-"""A web page that plays an episode: brax's viewer with all that it needs inside, so that it opens without a network."""
+"""A web page that plays an episode in brax's viewer. The page holds everything that it needs and loads nothing."""
 
 from __future__ import annotations
 
@@ -21,46 +21,34 @@ SHAPES = {
     mujoco.mjtGeom.mjGEOM_CYLINDER: "Cylinder",
     mujoco.mjtGeom.mjGEOM_BOX: "Box",
 }
+BRAX_MODULES = ("viewer", "animator", "selector", "system")
+# three.js r154 is the last release whose lights are as bright as those of r150, which brax's viewer was written for.
+OUR_MODULES = {
+    "three": "three.module.min.js",
+    "three/addons/controls/OrbitControls.js": "OrbitControls.js",
+    "lilgui": "gui.js",
+}
 
 
 def page(title: str, env: MjxTask, qpos: np.ndarray) -> str:
     """The page, as text.
 
     Args:
-      qpos: `[T, nq]` positions, a step apart.
+      qpos: positions `[T, nq]`, one environment step apart.
     """
     system = json.dumps(scene(env, qpos)).replace("</", "<\\/")
-    template = string.Template((_ours() / "page.html").read_text(encoding="utf-8"))
-    # The text of scripts holds dollars of its own: it is put in, not read as a template.
-    return template.substitute(
-        title=html.escape(title), three=_three(), importmap=json.dumps(_modules()), system=system
-    )
+    template = string.Template((_viewer() / "page.html").read_text(encoding="utf-8"))
+    return template.substitute(title=html.escape(title), importmap=json.dumps(_import_map()), system=system)
 
 
 def scene(env: MjxTask, qpos: np.ndarray) -> dict:
-    """What brax's viewer reads: every body's shapes, and where the bodies are after every step."""
-    model, data = env.model, mujoco.MjData(env.model)
-    bodies = [model.body(b).name or f"body {b}" for b in range(model.nbody)]
-    geoms: dict[str, list[dict]] = {}
-    for g in range(model.ngeom):
-        body, kind = int(model.geom_bodyid[g]), mujoco.mjtGeom(model.geom_type[g])
-        if kind not in SHAPES or model.geom_rgba[g, 3] == 0:
-            continue
-        # A plane of no size is drawn as an endless chequered floor.
-        size = [0.0, 0.0, 0.0] if kind == mujoco.mjtGeom.mjGEOM_PLANE else model.geom_size[g].tolist()
-        geoms.setdefault(bodies[body], []).append({
-            "name": SHAPES[kind], "link_idx": body - 1, "size": size, "pos": model.geom_pos[g].tolist(),
-            "rot": model.geom_quat[g].tolist(), "rgba": model.geom_rgba[g].tolist(),
-        })  # fmt: skip
-    states = []
-    for now in qpos:
-        data.qpos[:] = now
-        mujoco.mj_kinematics(model, data)
-        states.append({"pos": data.xpos[1:].round(4).tolist(), "rot": data.xquat[1:].round(4).tolist()})
+    """What brax's viewer reads: the shapes of every body, where each body is after every step, and the camera."""
+    model = env.model
+    states = _body_poses(model, qpos)
     target = np.array(states[0]["pos"][0] if env.camera.follows else model.stat.center)
     return {
         "opt": {"timestep": env.dt},
-        "geoms": geoms,
+        "geoms": _shapes(model),
         "states": {"x": states},
         "camera": {
             "position": (target + env.camera.offset()).tolist(),
@@ -70,35 +58,50 @@ def scene(env: MjxTask, qpos: np.ndarray) -> dict:
     }
 
 
-def _ours():
+def _shapes(model: mujoco.MjModel) -> dict[str, list[dict]]:
+    """The visible shapes of every body, by the body's name."""
+    bodies = [model.body(b).name or f"body {b}" for b in range(model.nbody)]
+    shapes: dict[str, list[dict]] = {}
+    for g in range(model.ngeom):
+        body, kind = int(model.geom_bodyid[g]), mujoco.mjtGeom(model.geom_type[g])
+        if kind not in SHAPES or model.geom_rgba[g, 3] == 0:
+            continue
+        # The viewer draws a plane of size 0 as an endless chequered floor.
+        size = [0.0, 0.0, 0.0] if kind == mujoco.mjtGeom.mjGEOM_PLANE else model.geom_size[g].tolist()
+        shape = {
+            "name": SHAPES[kind],
+            "link_idx": body - 1,
+            "size": size,
+            "pos": model.geom_pos[g].tolist(),
+            "rot": model.geom_quat[g].tolist(),
+            "rgba": model.geom_rgba[g].tolist(),
+        }
+        shapes.setdefault(bodies[body], []).append(shape)
+    return shapes
+
+
+def _body_poses(model: mujoco.MjModel, qpos: np.ndarray) -> list[dict]:
+    """Position (metres) and orientation (quaternion) of every body but the world, for each `qpos`."""
+    data, poses = mujoco.MjData(model), []
+    for positions in qpos:
+        data.qpos[:] = positions
+        mujoco.mj_kinematics(model, data)
+        poses.append({"pos": data.xpos[1:].round(4).tolist(), "rot": data.xquat[1:].round(4).tolist()})
+    return poses
+
+
+def _viewer():
     return files("eairl_jax.experiments.display") / "viewer"
 
 
-def _three() -> str:
-    """three.js as a plain script, which makes `THREE`: trimesh brings it, in the page of its own viewer."""
-    from trimesh.resources import get_bytes
-    from trimesh.util import decompress
-
-    archive = decompress(get_bytes("templates/viewer.zip"), file_type="zip")
-    text = archive["viewer.html.template"].read().decode("utf-8")  # pyright: ignore
-    script = re.search(r"<script>(.*)</script>", text, re.DOTALL)
-    code, start, _ = script[1].rpartition("init();") if script else ("", "", "")
-    if not start:
-        raise RuntimeError("the viewer template of this version of trimesh holds no three.js where it is looked for")
-    return code
-
-
-def _modules() -> dict:
-    """The import map: brax's modules and ours as data URLs, and `three` as a module made of `THREE`."""
+def _import_map() -> dict:
+    """The import map: every module as a data URL, under the name that the modules import it by."""
     import brax
 
     folder = files(brax) / "visualizer" / "js"
-    theirs = ("viewer", "animator", "selector", "system")
-    code = {f"brax/{name}": (folder / f"{name}.js").read_text(encoding="utf-8") for name in theirs}
+    code = {f"brax/{name}": (folder / f"{name}.js").read_text(encoding="utf-8") for name in BRAX_MODULES}
+    # A relative import means nothing inside a data URL.
     code = {name: re.sub(r"from '\./(\w+)\.js'", r"from 'brax/\1'", text) for name, text in code.items()}
-    ours = {"three/addons/controls/OrbitControls.js": "controls.js", "lilgui": "gui.js"}
-    code |= {name: (_ours() / file).read_text(encoding="utf-8") for name, file in ours.items()}
-    names = sorted({name for text in code.values() for name in re.findall(r"\bTHREE\.(\w+)", text)})
-    code["three"] = f"export const {{{', '.join(names)}}} = window.THREE;"
+    code |= {name: (_viewer() / file).read_text(encoding="utf-8") for name, file in OUR_MODULES.items()}
     urls = {name: base64.b64encode(text.encode()).decode() for name, text in code.items()}
     return {"imports": {name: f"data:text/javascript;base64,{url}" for name, url in urls.items()}}

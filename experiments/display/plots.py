@@ -116,38 +116,3 @@ def plot_sweep(
         _mark_level(axis, "expert", expert)
         axis.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=130)
-
-
-# -> pipeline/result.py and the importers of `Row`: to be deleted when pipeline/ and commands/ import
-# `display.console` and build a `Result`.
-def summarize(command, task, target, method, seeds, returns, env_steps, seconds, known, **more) -> dict:
-    mean = float(np.mean(returns))
-    return {
-        "command": command,
-        "task": task,
-        "target": target,
-        "method": method,
-        "seeds": list(seeds),
-        "env_steps": env_steps,
-        **seconds,
-        "expert": known.expert,
-        "random": known.random,
-        "returns": [float(r) for r in returns],
-        "mean": mean,
-        "std": float(np.std(returns)),
-        "normalized": known.normalized(mean),
-        "peak_memory_gb": peak_memory_gb(),
-    } | more
-
-
-def peak_memory_gb() -> float:
-    """The most memory this process has held, in GB."""
-    import resource
-    import sys
-
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
-
-
-from eairl_jax.experiments.display.console import Line as Row  # noqa: E402, F401
-from eairl_jax.experiments.display.console import print_table  # noqa: E402, F401

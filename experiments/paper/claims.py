@@ -1,171 +1,277 @@
-"""What the paper claims, judged by the results on disk."""
+"""The paper's claims and ours, judged by fixed thresholds on the results on disk."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
 
-from eairl_jax.experiments.paper import published as paper
-from eairl_jax.experiments.paper import results
+from eairl_jax.experiments.paper import published, results, tables
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, LONG, retrain_variant
-from eairl_jax.experiments.paper.statistics import difference, probability_of_improvement
+from eairl_jax.experiments.paper.statistics import Estimate, difference, probability_of_improvement
+from eairl_jax.experiments.pipeline.result import Result
 
-EQUAL = 0.05  # of normalised score: less than this below counts as the same
-HOLDS = ("yes", "no", "partly", "unclear", "open")
-Scores = dict[tuple[str, str | None], np.ndarray]  # (task, target) -> normalised scores [seeds]
-
-
-def scores(rows: list[dict], row: str, rule: str | None = None) -> Scores:
-    """The normalised scores of a row, for each task or pair of tasks that it was run on."""
-    return {(each["task"], each["target"]): results.normalized(each) for each in rows
-            if each["row"] == row and each.get("rule") == rule}  # fmt: skip
-
-
-def planned(row: str, rule: str | None = None, source: str = "") -> int:
-    """The tasks, or pairs of them from such a source, that a row is meant to be run on."""
-    entries = EXPERIMENTS["table1" if rule else "table2"]
-    return len({(entry.task, entry.target) for entry in entries
-                if entry.row == row and entry.task != entry.target and entry.task.startswith(source)
-                and rule in (None, entry.rule)})  # fmt: skip
-
-
-def _common(ours: Scores, theirs: Scores) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The scores of two rows on each task that both were run on."""
-    return [(ours[task], theirs[task]) for task in ours if task in theirs]
+EQUAL = 0.05
+"""A normalised score counts as equal if it is less than this below the other."""
+VERDICTS = ("yes", "no", "partly", "unclear", "open")
+Scores = dict[tuple[str, str | None], np.ndarray]
+"""Normalised scores `[seeds]` by (task, target)."""
 
 
 class Claim(NamedTuple):
-    """A statement of the paper (or ours, and nothing of the paper), what was found, and whether it holds (`HOLDS`)."""
+    """A statement and the judgement on it.
+
+    Attributes:
+      text: the statement.
+      paper: what the paper reports; empty for a claim of ours.
+      here: what our results are.
+      verdict: one of `VERDICTS`; "open" until enough tasks were run.
+    """
 
     text: str
     paper: str
     here: str
-    holds: str
+    verdict: str
 
 
-def claims(found: dict[str, list[dict]]) -> list[Claim]:
-    """What the paper claims, judged by fixed thresholds on whatever results there are."""
-    return [*_of_imitation(found["table2"]), *_of_transfer(results.moved(found["table1"]), found["ablations"]),
-            *_of_phi(found)]  # fmt: skip
+def claims(results_of: dict[str, list[Result]]) -> list[Claim]:
+    """The judged claims.
+
+    Args:
+      results_of: the results of each of `EXPERIMENTS`, as many as there are.
+    """
+    imitations, ablations = results_of["table2"], results_of["ablations"]
+    transfers = [*results.transfers(results_of["table1"]), *ablations]
+    last = [result for result in transfers if result.rule == "last"]
+    return [*_on_imitation(imitations), *_on_the_mazes(last), *_on_the_ant(last), *_on_phi(transfers)]
 
 
-def _of_imitation(rows: list[dict]) -> list[Claim]:
-    own = scores(rows, "eairl-sa")
-    # In the paper's tasks our random return stands in for theirs, which is not known.
-    published = {(row["task"], None): cell.published_share for row in rows if row["row"] == "eairl-sa"
-                 if (cell := results.cell(row, paper.IMITATION)).published_share is not None}  # fmt: skip
-    theirs = ", ".join(f"{task} {share:.2f}" for (task, _), share in published.items())
-    tasks = planned("eairl-sa")
-    best = own | scores(rows, "eairl-sa+tuned")
-    said = [
-        Claim("EAIRL imitates at the paper's level", theirs, _each(own),
-              _all([s.mean() >= published[task] - EQUAL for task, s in own.items() if task in published], tasks)),
-        Claim("Ours: at 0.95 of the expert, with settings of ours where they were tuned (ant, half_cheetah)", "",
-              _each(best), _all([s.mean() >= 0.95 for s in best.values()], tasks)),
-    ]  # fmt: skip
-    for name, row, claimed in (("GAIL", "gail-sa", "as well"), ("AIRL(s,a)", "airl_sa-sa", "as well"),
-                               ("AIRL(s)", "airl_s-s", "better"), ("GAN-GCL", "gan_gcl-sa", "better")):  # fmt: skip
-        text = f"EAIRL imitates {'as well as' if claimed == 'as well' else 'better than'} {name}"
-        said.append(_compared(text, claimed, own, scores(rows, row), planned(row)))
-    return said
+def scores(chosen: Iterable[Result], name: str, rule: str | None = None) -> Scores:
+    """The normalised scores of the results of one name and rule, for each task or pair of tasks."""
+    return {
+        (result.task, result.target): result.scores for result in chosen if result.name == name and result.rule == rule
+    }
 
 
-def _of_transfer(moved: list[dict], ablated: list[dict]) -> list[Claim]:
-    said, longer = [], f"eairl-separable+{retrain_variant(LONG)}"
-    for place, source, aim, theirs, ours in (
-        ("the other maze", "point_maze", 0.9, "0.95 of the expert (-7.01 of -4.98)",
-         [("within 10 % of the expert's return in every seed", "eairl-separable", within_a_tenth)]),
-        ("the crippled ant", "ant", 0.81, "0.81 of the expert", [
-            ("0.81 of the expert, as the paper's EAIRL", "eairl-separable", of_the_expert(0.81, np.mean)),
-            ("0.95 of it in every seed", "eairl-separable", of_the_expert(0.95, np.min)),
-            ("0.95 of it in every seed, retrained for 10M steps", longer, of_the_expert(0.95, np.min)),
-         ]),
-    ):  # fmt: skip
-        own_rows = [row for row in (*moved, *ablated) if row["task"].startswith(source) and row["rule"] == "last"]
-        own, tasks = scores(own_rows, "eairl-sa", "last"), planned("eairl-sa", "last", source)
-        said.append(Claim(f"EAIRL's reward r(s,a) transfers to {place}", theirs, _each(own),
-                          _all([s.mean() >= aim for s in own.values()], tasks)))  # fmt: skip
-        for name, row in (("AIRL(s)", "airl_s-s"), ("AIRL(s,a)", "airl_sa-sa")):
-            other = scores(own_rows, row, "last")
-            said.append(_compared(f"There it is better than {name}'s ({place})", "better", own, other, tasks))
-        for level, name, holds in ours:
-            held = [holds(row) for row in own_rows if row["row"] == name]
-            said.append(Claim(f"Ours: a separable reward transfers to {place}, {level}", "",
-                              _each(scores(own_rows, name, "last")), _all(held, tasks)))  # fmt: skip
-    return said
+def planned_tasks(name: str, rule: str | None = None, source: str = "") -> int:
+    """How many tasks, or pairs of tasks, a method is planned to be run on.
+
+    Args:
+      rule: None for imitations.
+      source: how the names of the source tasks begin.
+    """
+    experiments = EXPERIMENTS["table1" if rule else "table2"]
+    tasks = {
+        (planned.task, planned.target)
+        for planned in experiments
+        if planned.name == name
+        and planned.task != planned.target
+        and planned.task.startswith(source)
+        and rule in (None, planned.rule)
+    }
+    return len(tasks)
 
 
-def of_the_expert(share: float, of_seeds: Callable[[np.ndarray], float]) -> Callable[[dict], bool]:
-    """Whether a row has such a share of the expert, by the mean of its seeds or by the worst of them."""
-    return lambda row: bool(of_seeds(results.normalized(row)) >= share)
+def _on_imitation(imitations: list[Result]) -> list[Claim]:
+    eairl, tasks = scores(imitations, "eairl-sa"), planned_tasks("eairl-sa")
+    # The paper does not say what random actions score in its tasks. Ours stand in for them.
+    cells = {
+        (result.task, result.target): tables.cell(result, published.IMITATION)
+        for result in imitations
+        if result.name == "eairl-sa"
+    }
+    paper = {task: cell.paper_score for task, cell in cells.items() if cell.paper_score is not None}
+    at_paper_level = [task_scores.mean() >= paper[task] - EQUAL for task, task_scores in eairl.items() if task in paper]
+    tuned = eairl | scores(imitations, "eairl-sa+tuned")
+    judged = [
+        Claim(
+            "EAIRL imitates at the paper's level",
+            ", ".join(f"{task} {score:.2f}" for (task, _), score in paper.items()),
+            _means_and_ranges(eairl),
+            _verdict(at_paper_level, tasks),
+        ),
+        Claim(
+            "Ours: EAIRL imitates at 0.95 of the expert, with tuned settings for ant and half_cheetah",
+            "",
+            _means_and_ranges(tuned),
+            _verdict([task_scores.mean() >= 0.95 for task_scores in tuned.values()], tasks),
+        ),
+    ]
+    for title, name in (("GAIL", "gail-sa"), ("AIRL(s,a)", "airl_sa-sa")):
+        text = f"EAIRL imitates as well as {title}"
+        judged.append(_as_well(text, eairl, scores(imitations, name), planned_tasks(name)))
+    for title, name in (("AIRL(s)", "airl_s-s"), ("GAN-GCL", "gan_gcl-sa")):
+        text = f"EAIRL imitates better than {title}"
+        judged.append(_better(text, eairl, scores(imitations, name), planned_tasks(name)))
+    return judged
 
 
-def within_a_tenth(row: dict) -> bool:
-    """Whether every seed's return, as it is, falls short of the expert's by a tenth of that at most."""
-    return min(row["returns"]) >= row["expert"] - 0.1 * abs(row["expert"])
-
-
-def _of_phi(found: dict[str, list[dict]]) -> list[Claim]:
-    """Each form of the reward with Phi, as its only shaping, against none."""
-    moved, ablated = results.moved(found["table1"]), found["ablations"]
-    mazes = [row for row in (*moved, *ablated) if row["task"].startswith("point_maze")]
+def _on_the_mazes(last: list[Result]) -> list[Claim]:
+    mazes = [result for result in last if result.task.startswith("point_maze")]
+    tasks = planned_tasks("eairl-sa", "last", "point_maze")
+    text = "the other maze, within 10 % of the expert's return in every seed"
     return [
-        _compared(f"Empowerment's Phi is what makes {form} transfer (against Phi = 0)", "better",
-                  scores(mazes, phi, "last"), scores(mazes, without, "last"), 1)
-        for form, phi, without in (
+        *_on_eairls_reward(mazes, "the other maze", tasks, 0.9, "0.95 of the expert (-7.01 of -4.98)"),
+        _on_the_separable_reward(mazes, text, "eairl-separable", tasks, within_a_tenth),
+    ]
+
+
+def _on_the_ant(last: list[Result]) -> list[Claim]:
+    ants, tasks = [result for result in last if result.task.startswith("ant")], planned_tasks("eairl-sa", "last", "ant")
+    levels = (
+        ("0.81 of the expert, as the paper's EAIRL", "eairl-separable", of_the_expert(0.81, np.mean)),
+        ("0.95 of the expert in every seed", "eairl-separable", of_the_expert(0.95, np.min)),
+        (
+            "0.95 of the expert in every seed, retrained for 10M steps",
+            f"eairl-separable+{retrain_variant(LONG)}",
+            of_the_expert(0.95, np.min),
+        ),
+    )
+    return [
+        *_on_eairls_reward(ants, "the crippled ant", tasks, 0.81, "0.81 of the expert"),
+        *(
+            _on_the_separable_reward(ants, f"the crippled ant, {level}", name, tasks, holds)
+            for level, name, holds in levels
+        ),
+    ]
+
+
+def _on_eairls_reward(transfers: list[Result], place: str, tasks: int, level: float, paper: str) -> list[Claim]:
+    """Whether EAIRL's r(s,a) reaches a score in a place, and whether it beats the rewards of AIRL."""
+    eairl = scores(transfers, "eairl-sa", "last")
+    verdict = _verdict([task_scores.mean() >= level for task_scores in eairl.values()], tasks)
+    compared = [
+        _better(
+            f"In {place} EAIRL's reward is better than that of {title}", eairl, scores(transfers, name, "last"), tasks
+        )
+        for title, name in (("AIRL(s)", "airl_s-s"), ("AIRL(s,a)", "airl_sa-sa"))
+    ]
+    text = f"EAIRL's reward r(s,a) transfers to {place}"
+    return [Claim(text, paper, _means_and_ranges(eairl), verdict), *compared]
+
+
+def _on_the_separable_reward(
+    transfers: list[Result], text: str, name: str, tasks: int, holds: Callable[[Result], bool]
+) -> Claim:
+    """Whether the result of a name holds on each of so many pairs of tasks."""
+    verdict = _verdict([holds(result) for result in transfers if result.name == name], tasks)
+    here = _means_and_ranges(scores(transfers, name, "last"))
+    return Claim(f"Ours: a separable reward transfers to {text}", "", here, verdict)
+
+
+def of_the_expert(score: float, of_seeds: Callable[[np.ndarray], float]) -> Callable[[Result], bool]:
+    """A condition on a result: the mean (`np.mean`) or the worst (`np.min`) of its seeds reaches a score."""
+    return lambda result: bool(of_seeds(result.scores) >= score)
+
+
+def within_a_tenth(result: Result) -> bool:
+    """Whether every seed's return is at most a tenth of the expert's return below the expert's."""
+    return min(result.returns) >= result.expert - 0.1 * abs(result.expert)
+
+
+def _on_phi(transfers: list[Result]) -> list[Claim]:
+    """Compares rewards that are shaped by empowerment alone with rewards that are not shaped."""
+    mazes = [result for result in transfers if result.task.startswith("point_maze")]
+    return [
+        _better(
+            f"Empowerment's Phi is what makes {form} transfer (compared with Phi = 0)",
+            scores(mazes, with_phi, "last"),
+            scores(mazes, without_phi, "last"),
+            1,
+        )
+        for form, with_phi, without_phi in (
             ("r(s,a)", "eairl-sa", "eairl-sa+shaping=none"),
             ("a separable reward", "eairl-separable+shaping=empowerment", "eairl-separable+shaping=none"),
         )
-    ]  # fmt: skip
+    ]
 
 
-def _all(held: list[bool], tasks: int) -> str:
-    """Of a claim that is about so many `tasks`: it stays open while it holds on those that were run."""
-    if not held or (all(held) and len(held) < tasks):
+def _verdict(holds: list[bool], tasks: int) -> str:
+    """The verdict on a claim about so many `tasks`; `holds` says on which of the tasks that were run it holds."""
+    if not holds or (all(holds) and len(holds) < tasks):
         return "open"
-    return "yes" if all(held) else "partly" if any(held) else "no"
+    return "yes" if all(holds) else "partly" if any(holds) else "no"
 
 
-def _each(own: Scores) -> str:
-    """The mean of each task, and from which seed to which."""
-    return ", ".join(f"{'' if target else task} {s.mean():.2f} ({s.min():.2f} to {s.max():.2f})".strip()
-                     for (task, target), s in own.items()) or "not run"  # fmt: skip
+def _means_and_ranges(by_task: Scores) -> str:
+    """For example "ant 0.69 (0.65 to 0.74)": the mean over seeds, the lowest and the highest seed."""
+    parts = [
+        f"{'' if target else task} {seeds.mean():.2f} ({seeds.min():.2f} to {seeds.max():.2f})".strip()
+        for (task, target), seeds in by_task.items()
+    ]
+    return ", ".join(parts) or "not run"
 
 
-def _compared(text: str, claimed: str, ours: Scores, theirs: Scores, tasks: int) -> Claim:
-    both = _common(ours, theirs)
-    if not both:
-        return Claim(text, claimed, "not run", "open")
-    sides = tuple(zip(*both, strict=True))
-    mine, other = (float(np.mean([own.mean() for own in side])) for side in sides)
-    if claimed == "as well":
-        gap = difference(*sides)
-        here = f"{mine:.2f} against {other:.2f}; difference {gap.value:+.2f} [{gap.low:+.2f}, {gap.high:+.2f}]"
-        if gap.low < -EQUAL <= gap.high:
-            return Claim(text, claimed, here, "unclear")
-        held = gap.low >= -EQUAL
-    else:
-        chance = probability_of_improvement(*sides)
-        here = f"{mine:.2f} against {other:.2f}; better with probability {chance.value:.2f} "
-        here += f"[{chance.low:.2f}, {chance.high:.2f}]"
-        held = chance.low > 0.5 and mine > other
-    return Claim(text, claimed, here, _all([held] * len(both), tasks))
+def _on_common_tasks(ours: Scores, theirs: Scores) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The scores of both on the tasks that both were run on."""
+    common = [task for task in ours if task in theirs]
+    return [ours[task] for task in common], [theirs[task] for task in common]
 
 
-def improvements(found: dict[str, list[dict]]) -> list[dict]:
-    """Probability that EAIRL, and its separable form, score above every other row."""
+def _grand_mean(tasks: list[np.ndarray]) -> float:
+    return float(np.mean([seeds.mean() for seeds in tasks]))
+
+
+def _as_well(text: str, ours: Scores, theirs: Scores, tasks: int) -> Claim:
+    """Holds if the whole interval of the difference lies above `-EQUAL`; "unclear" if only a part does."""
+    sides = _on_common_tasks(ours, theirs)
+    if not sides[0]:
+        return Claim(text, "as well", "not run", "open")
+    gap = difference(*sides)
+    here = f"{_grand_mean(sides[0]):.2f} against {_grand_mean(sides[1]):.2f}; difference {gap.value:+.2f} "
+    here += f"[{gap.low:+.2f}, {gap.high:+.2f}]"
+    if gap.low < -EQUAL <= gap.high:
+        return Claim(text, "as well", here, "unclear")
+    return Claim(text, "as well", here, _verdict([gap.low >= -EQUAL] * len(sides[0]), tasks))
+
+
+def _better(text: str, ours: Scores, theirs: Scores, tasks: int) -> Claim:
+    """Holds if the mean is higher and the whole interval of the probability of improvement lies above a half."""
+    sides = _on_common_tasks(ours, theirs)
+    if not sides[0]:
+        return Claim(text, "better", "not run", "open")
+    our_mean, their_mean = map(_grand_mean, sides)
+    chance = probability_of_improvement(*sides)
+    here = f"{our_mean:.2f} against {their_mean:.2f}; better with probability {chance.value:.2f} "
+    here += f"[{chance.low:.2f}, {chance.high:.2f}]"
+    holds = chance.low > 0.5 and our_mean > their_mean
+    return Claim(text, "better", here, _verdict([holds] * len(sides[0]), tasks))
+
+
+class Improvement(NamedTuple):
+    """The probability that a seed of one method scores above a seed of another.
+
+    Attributes:
+      kind: "imitation" or "transfer".
+      ours, theirs: titles of the two methods.
+      chance: the probability, a mean over the tasks that both were run on.
+      tasks: how many tasks these are.
+    """
+
+    kind: str
+    ours: str
+    theirs: str
+    chance: Estimate
+    tasks: int
+
+
+def improvements(results_of: dict[str, list[Result]]) -> list[Improvement]:
+    """The probability that EAIRL, and its separable form, score above every other method."""
     compared = []
-    for experiment, row, rule in (("table2", "eairl-sa", None), ("table1", "eairl-sa", "last"),
-                                  ("table1", "eairl-separable", "last")):  # fmt: skip
-        rows = results.moved(found[experiment]) if rule else found[experiment]
-        ours = scores(rows, row, rule)
-        for other in dict.fromkeys(each["row"] for each in rows):
-            both = _common(ours, scores(rows, other, rule))
-            if other != row and both:
-                chance = probability_of_improvement(*zip(*both, strict=True))
-                compared.append({"what": "imitation" if rule is None else "transfer", "ours": results.name(row),
-                                 "theirs": results.name(other), "chance": chance,
-                                 "tasks": len(both)})  # fmt: skip
+    for experiment, name, rule in (
+        ("table2", "eairl-sa", None),
+        ("table1", "eairl-sa", "last"),
+        ("table1", "eairl-separable", "last"),
+    ):
+        kind, chosen = (
+            ("transfer", results.transfers(results_of[experiment])) if rule else ("imitation", results_of[experiment])
+        )
+        ours = scores(chosen, name, rule)
+        for other in dict.fromkeys(result.name for result in chosen):
+            sides = _on_common_tasks(ours, scores(chosen, other, rule))
+            if other != name and sides[0]:
+                chance = probability_of_improvement(*sides)
+                titles = results.title(name), results.title(other)
+                compared.append(Improvement(kind, *titles, chance, len(sides[0])))
     return compared

@@ -1,11 +1,16 @@
-"""The paper's own numbers (Tables 1 and 2: mean and std of total reward over 5 trials), shown beside ours."""
+"""The paper's figures (Tables 1 and 2: mean and standard deviation of total reward over 5 trials)."""
 
 from __future__ import annotations
 
-Row = tuple[float, float]
+from eairl_jax.experiments.display.console import mean_and_std
 
-# Table 1, reward transfer, by (target task without its side, row).
-TRANSFER: dict[tuple[str, str], Row] = {
+Figure = tuple[float, float]
+"""Mean and standard deviation."""
+Table = dict[tuple[str, str], Figure]
+"""Figures by task and method. Both mazes are one task, `point_maze`, as in the paper."""
+
+# Table 1, reward transfer. The tasks are the targets.
+TRANSFER: Table = {
     ("point_maze", "expert"): (-4.98, 0.29),
     ("point_maze", "airl_s"): (-8.07, 0.50),
     ("point_maze", "airl_sa"): (-19.28, 2.03),
@@ -17,7 +22,7 @@ TRANSFER: dict[tuple[str, str], Row] = {
 }
 
 # Table 2, imitation.
-IMITATION: dict[tuple[str, str], Row] = {
+IMITATION: Table = {
     ("half_cheetah", "expert"): (2139.83, 30.22),
     ("half_cheetah", "gail"): (1880.05, 15.72),
     ("half_cheetah", "gan_gcl"): (-189.90, 44.42),
@@ -44,16 +49,15 @@ IMITATION: dict[tuple[str, str], Row] = {
     ("pendulum", "eairl"): (-116.26, 8.313),
 }
 
-
-# By the name of `eairl reproduce`'s experiment.
+# Which of them stand beside each experiment of `eairl reproduce`.
 TABLES = {"table1": TRANSFER, "table2": IMITATION, "ablations": TRANSFER}
 
 
-def row(table: dict[tuple[str, str], Row], task: str, name: str) -> Row | None:
-    """The paper's figure for a task and a row, or None where it gives none. Both mazes are one task to it."""
-    return table.get((task.removesuffix("_left").removesuffix("_right"), name))
+def figure(table: Table, task: str, method: str) -> Figure | None:
+    """The paper's figure for a method in a task; None where the paper has none."""
+    return table.get((task.removesuffix("_left").removesuffix("_right"), method))
 
 
-def show(figure: Row | None) -> str:
-    """`-7.01 ± 0.61`, or a dash."""
-    return "-" if figure is None else f"{figure[0]:.2f} ± {figure[1]:.2f}"
+def show(figure: Figure | None) -> str:
+    """For example `-7.01 ± 0.61`; a dash for None."""
+    return "-" if figure is None else mean_and_std(*figure)

@@ -1,12 +1,12 @@
-"""Scores of several tasks as one figure with its uncertainty (Agarwal et al. 2021), on SciPy's statistics.
+"""Scores of several tasks as one figure with its uncertainty (Agarwal et al. 2021), by SciPy's bootstrap.
 
-`scores` are normalised ones, an array `[seeds]` for each task. Resampling is stratified: every task keeps its number of
-seeds.
+Every function takes normalised scores, an array `[seeds]` for each task. Resampling is stratified: every task keeps
+its number of seeds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,46 +24,54 @@ class Estimate(NamedTuple):
 
 
 def interquartile_mean(scores: Sequence[np.ndarray]) -> Estimate:
-    """Mean of the middle half of all tasks' and seeds' scores."""
-    return _bootstrap(
-        lambda *tasks, axis=-1: stats.trim_mean(np.concatenate(tasks, axis=axis), 0.25, axis=axis), scores
-    )
+    """The mean of the middle half of the scores of all tasks and seeds."""
+
+    def statistic(*tasks, axis=-1):
+        return stats.trim_mean(np.concatenate(tasks, axis=axis), 0.25, axis=axis)
+
+    return _bootstrap(statistic, scores)
 
 
 def difference(ours: Sequence[np.ndarray], theirs: Sequence[np.ndarray]) -> Estimate:
-    """Of the means over seeds, ours less theirs, a mean over the tasks."""
+    """The mean over seeds of ours minus that of theirs, as a mean over the tasks."""
 
     def statistic(*both, axis=-1):
-        means = [np.mean(each, axis=axis) for each in both]
+        means = [np.mean(task, axis=axis) for task in both]
         return np.mean(means[: len(ours)], axis=0) - np.mean(means[len(ours) :], axis=0)
 
     return _bootstrap(statistic, [*ours, *theirs])
 
 
 def probability_of_improvement(ours: Sequence[np.ndarray], theirs: Sequence[np.ndarray]) -> Estimate:
-    """That a seed of ours scores above a seed of theirs, a mean over the tasks; ties count half."""
+    """The probability that a seed of ours scores above a seed of theirs, as a mean over the tasks; ties count half."""
 
     def statistic(*both, axis=-1):
-        del axis  # the last
-        halves = both[: len(ours)], both[len(ours) :]
-        each = [_above(x, y) for x, y in zip(*halves, strict=True)]
-        return np.mean(each, axis=0)
+        del axis  # SciPy passes the last one
+        sides = both[: len(ours)], both[len(ours) :]
+        return np.mean([_share_above(x, y) for x, y in zip(*sides, strict=True)], axis=0)
 
     return _bootstrap(statistic, [*ours, *theirs])
 
 
-def _above(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Mann-Whitney's U over the number of pairs."""
+def _share_above(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The statistic U of Mann and Whitney divided by the number of pairs."""
     x, y = x[..., :, None], y[..., None, :]
     return np.mean((x > y) + 0.5 * (x == y), axis=(-2, -1))
 
 
-def _bootstrap(statistic, samples: Sequence[np.ndarray]) -> Estimate:
+def _bootstrap(statistic: Callable, samples: Sequence[np.ndarray]) -> Estimate:
     value = float(statistic(*samples))
     if max(len(sample) for sample in samples) < 2:
-        return Estimate(value, value, value)  # one seed says nothing of its spread
-    samples = [np.repeat(sample, 2) if len(sample) < 2 else sample for sample in samples]  # nor does it beside others
-    # Percentiles: the other methods are undefined where all resamples agree.
-    interval = stats.bootstrap(samples, statistic, n_resamples=RESAMPLES, method="percentile", vectorized=True,
-                               rng=np.random.default_rng(0)).confidence_interval  # fmt: skip
-    return Estimate(value, float(interval.low), float(interval.high))
+        return Estimate(value, value, value)  # a single seed has no spread
+    # SciPy wants two values at least. The same value twice has no spread either.
+    samples = [np.repeat(sample, 2) if len(sample) < 2 else sample for sample in samples]
+    # Percentiles, because the other methods are undefined where all resamples agree.
+    bootstrap = stats.bootstrap(
+        samples,
+        statistic,
+        n_resamples=RESAMPLES,
+        method="percentile",
+        vectorized=True,
+        rng=np.random.default_rng(0),
+    )
+    return Estimate(value, float(bootstrap.confidence_interval.low), float(bootstrap.confidence_interval.high))

@@ -49,7 +49,7 @@ def reshaped(name, *shape):
 
 
 BAD_ARRAYS = {
-    "array missing": (lambda a: a.pop("action"), r"lacks action; demonstrations have obs, action, next_obs"),
+    "array missing": (lambda a: a.pop("action"), r"lacks action: expected the arrays obs, action, next_obs"),
     "two missing": (lambda a: (a.pop("obs"), a.pop("reward")), r"lacks obs, reward"),
     "NaN": (poisoned("obs", (1, 2, 3), np.nan), r"obs is NaN or infinite at episode 1, step 2"),
     "infinite": (poisoned("reward", (2, 4), -np.inf), r"reward is NaN or infinite at episode 2, step 4"),
@@ -59,8 +59,8 @@ BAD_ARRAYS = {
     "reward with an axis too many": (reshaped("reward", 3, 5, 1), r"reward has shape \(3, 5, 1\), expected \(3, 5\)"),
     "steps without episodes": (reshaped("obs", 15, 4), r"obs has shape \(15, 4\).*expected \[episodes, steps, size\]"),
     "no episodes": (reshaped("obs", 0, 5, 4), r"obs has shape \(0, 5, 4\)"),
-    "words": (lambda a: a.update(reward=np.full((3, 5), "good")), r"reward holds <U4, not numbers"),
-    "objects": (lambda a: a.update(obs=np.full((3, 5, 4), None)), r"not a whole \.npz of plain arrays"),
+    "words": (lambda a: a.update(reward=np.full((3, 5), "good")), r"reward has dtype <U4; expected numbers"),
+    "objects": (lambda a: a.update(obs=np.full((3, 5, 4), None)), r"not a complete \.npz of plain arrays"),
 }
 
 
@@ -78,7 +78,7 @@ def test_bad_arrays_are_refused(tmp_path, good, change, message):
 @pytest.mark.parametrize(
     ("wanted", "message"),
     [
-        ({"task": "pendulum"}, r"demonstrates 'toy', not 'pendulum': give demonstrations of 'pendulum'"),
+        ({"task": "pendulum"}, r"demonstrates 'toy', not 'pendulum': use demonstrations of 'pendulum'"),
         ({"obs_size": 3}, r"obs has shape \(3, 5, 4\), expected \(3, 5, 3\)"),
         ({"action_size": 6}, r"action has shape \(3, 5, 2\), expected \(3, 5, 6\)"),
     ],
@@ -91,9 +91,9 @@ def test_demonstrations_of_something_else_are_refused(path, wanted, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda path: path.unlink(), "is not there"),
-        (lambda path: path.write_bytes(path.read_bytes()[:300]), "is not a whole .npz"),
-        (lambda path: path.write_bytes(b""), "is not a whole .npz"),
+        (lambda path: path.unlink(), "does not exist"),
+        (lambda path: path.write_bytes(path.read_bytes()[:300]), "is not a complete .npz"),
+        (lambda path: path.write_bytes(b""), "is not a complete .npz"),
     ],
     ids=["missing", "cut short", "empty"],
 )
@@ -108,7 +108,7 @@ def test_a_broken_provenance_is_refused(path, content):
     path.with_suffix(".json").unlink()
     if content:
         path.with_suffix(".json").write_text(content)
-    with pytest.raises(InputError, match=r"demos\.json is not"):
+    with pytest.raises(InputError, match=r"demos\.json (is not JSON|does not exist)"):
         demonstrations.provenance(path)
 
 

@@ -178,7 +178,8 @@ def test_the_discriminator_is_shown_transitions_or_whole_episodes(tiny, transiti
 
 
 @pytest.mark.parametrize(("one", "other"), [
-    ({"method": "eairl", "shaping": "none"}, {"method": "airl_sa", "shaping": "none"}),
+    ({"method": "eairl", "shaping": "none", "episode_length": 1},
+     {"method": "airl_sa", "shaping": "none", "episode_length": 1}),
     ({"method": "eairl", "shaping": "learned"}, {"method": "airl_sa"}),
     ({"method": "gan_gcl", "episode_length": 1}, {"method": "airl_sa", "shaping": "none", "episode_length": 1}),
 ], ids=["EAIRL without Phi, unshaped AIRL", "EAIRL with h, AIRL", "GAN-GCL of one step, unshaped AIRL"])  # fmt: skip
@@ -198,7 +199,9 @@ def test_one_method_without_what_sets_it_apart_trains_as_another(built, demos, o
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-3, atol=1e-4), *runs)
 
 
-@pytest.mark.parametrize(("changes", "sees"), [({}, True), ({"update_order": "discriminator_first"}, False)])
+@pytest.mark.parametrize(
+    ("changes", "sees"), [({}, True), ({"method": "eairl_release"} | WHOLE["eairl_release"], False)]
+)
 def test_the_discriminator_sees_the_new_phi_or_the_old_as_the_order_says(one_step, changes, sees):
     """Phi's rate shows in the discriminator only if Phi was fitted first; the policy's reward has the new one."""
     (_, still, without), (_, moved, given) = (one_step(HPARAMS.replace(phi_lr=lr), **changes) for lr in (0.0, 0.05))
@@ -233,18 +236,20 @@ def test_the_shaping_by_phi_is_a_constant_of_the_phi_and_the_discount_asked_for(
     """The release scores the policy's transitions, and those alone, with Phi itself at s'."""
     config, emp, acting, raw, x, pi = untrained(**changes)
 
-    def shaping(emp):
-        return discriminator_data.for_loss(raw, pi, emp, acting, HPARAMS, config, scoring=scoring)
+    def samples(emp):
+        if scoring:
+            return discriminator_data.for_policy_reward(raw, emp, acting, HPARAMS, config)
+        return discriminator_data.for_loss(raw, pi, emp, acting, HPARAMS, config)
 
-    given = shaping(emp)
+    result = samples(emp)
     next_phi = emp.phi.params if scoring and "policy_phi" in changes else emp.phi_target
     discount = 1.0 if "shaping_discount" in changes else GAMMA
     phi, next_phi = mlp(emp.phi.params, x.obs)[..., 0], mlp(next_phi, x.next_obs)[..., 0]
     assert x.terminated.sum() > 0
-    np.testing.assert_allclose(given.phi_shaping, discount * (1 - x.terminated) * next_phi - phi, atol=1e-5)
+    np.testing.assert_allclose(result.phi_shaping, discount * (1 - x.terminated) * next_phi - phi, atol=1e-5)
     now = stats.norm.logpdf(x.action, pi(x.obs).mean, np.exp(pi(x.obs).log_std)).sum(axis=-1)
-    np.testing.assert_allclose(given.log_prob, now, rtol=1e-4, atol=1e-4)
-    for leaf in jax.tree.leaves(jax.grad(lambda emp: shaping(emp).phi_shaping.sum(), allow_int=True)(emp)):
+    np.testing.assert_allclose(result.log_prob, raw.log_prob if scoring else now, rtol=1e-4, atol=1e-4)
+    for leaf in jax.tree.leaves(jax.grad(lambda emp: samples(emp).phi_shaping.sum(), allow_int=True)(emp)):
         assert leaf.dtype == jax.dtypes.float0 or not leaf.any()
 
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from eairl_jax import Algorithm, HParams, Lanes, scan
+from eairl_jax import Algorithm, HParams, InputError, Lanes, scan
 
 SWEEP = HParams(
     lambda_i=np.array([0.0, 0.5, 2.0]), policy_lr=np.array([1e-3, 5e-3, 1e-4]), phi_lr=np.array([0.0, 0.01, 0.1])
@@ -17,7 +17,7 @@ def walk(key, hparams):
 
 
 def stride(state, hparams, data):
-    total = state["total"] + hparams.gamma * state["noise"] + data["gain"] * data["vector"]
+    total = state["total"] + hparams.lambda_i * state["noise"] + data["gain"] * data["vector"]
     return state | {"total": total}, {"total": total}
 
 
@@ -52,14 +52,14 @@ def test_a_sweep_of_eairl_equals_a_loop_over_its_lanes(built, demos):
 @pytest.mark.parametrize("per_lane", [False, True])
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
 def test_lanes_have_their_own_key_settings_and_data(count, per_lane):
-    gamma = np.arange(1.0, count + 1)
+    lambda_i = np.arange(1.0, count + 1)
     data = jax.tree.map(lambda x: np.stack([x * (i + 1) for i in range(count)]), DATA) if per_lane else DATA
-    lanes = Lanes(WALK, keys(count), HParams(gamma=gamma, beta=0.5), data, data_per_lane=per_lane)
+    lanes = Lanes(WALK, keys(count), HParams(lambda_i=lambda_i, beta=0.5), data, data_per_lane=per_lane)
     state, metrics = lanes.run(lanes.init(), 4)
     state = lanes.take(state)
     noise = np.array([jax.random.normal(key) for key in keys(count)])
-    scale = gamma**2 if per_lane else np.ones(count)  # gain and vector were both scaled
-    stride = (gamma * noise)[:, None] + scale[:, None] * np.array([2.0, -2.0])
+    scale = lambda_i**2 if per_lane else np.ones(count)  # gain and vector were both scaled
+    stride = (lambda_i * noise)[:, None] + scale[:, None] * np.array([2.0, -2.0])
     np.testing.assert_allclose(metrics["total"], np.arange(1, 5)[None, :, None] * stride[:, None], rtol=1e-5)
     np.testing.assert_allclose(state["total"], 4 * stride, rtol=1e-5)
     np.testing.assert_allclose(state["beta"], np.full(count, 0.5))
@@ -85,10 +85,40 @@ def test_a_chunk_is_compiled_once():
 
 
 def test_scan_equals_a_loop():
-    hparams = HParams(gamma=0.25)
+    hparams = HParams(lambda_i=0.25)
     state, metrics = scan(WALK, walk(jax.random.PRNGKey(0), hparams), hparams, DATA, 3)
     by_hand = walk(jax.random.PRNGKey(0), hparams)
     for i in range(3):
         by_hand, metric = stride(by_hand, hparams, DATA)
         np.testing.assert_allclose(metrics["total"][i], metric["total"], rtol=1e-6)
     np.testing.assert_allclose(state["total"], by_hand["total"], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "one_key",
+    [
+        lambda: jax.random.PRNGKey(0),
+        lambda: jax.random.key(0),
+        lambda: jnp.zeros((2, 3), jnp.uint32),
+        lambda: jnp.zeros((3, 2), jnp.float32),
+        lambda: jnp.zeros((0, 2), jnp.uint32),
+    ],
+    ids=["old-style key", "new-style key", "another size", "floats", "no lane"],
+)
+def test_keys_that_are_not_one_for_each_lane_are_refused(one_key):
+    with pytest.raises(InputError, match=r"expected one random key for each lane.*jax.random.split"):
+        Lanes(WALK, one_key(), HParams(), DATA)
+
+
+def test_new_style_keys_train_like_old_style_keys(equal_trees):
+    states = [
+        Lanes(WALK, jax.random.split(key, 3), HParams(), DATA).init()
+        for key in (jax.random.key(3), jax.random.PRNGKey(3))
+    ]
+    equal_trees(*states)
+
+
+def test_hyperparameters_that_no_run_can_have_are_refused():
+    for hparams, message in ((HParams(gamma=1.5), "gamma = 1.5"), (HParams(policy_lr=np.array([0.1, -1.0])), "= -1")):
+        with pytest.raises(InputError, match=message):
+            Lanes(WALK, keys(2), hparams, DATA)

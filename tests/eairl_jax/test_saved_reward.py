@@ -54,7 +54,10 @@ def test_a_round_trip_gives_the_same_rewards_for_raw_observations(tmp_path, lear
 
 @pytest.mark.parametrize(("obs_size", "action_size"), [(3, 2), (4, 6), (3, 1)])
 def test_other_sizes_are_refused_with_both(saved, obs_size, action_size):
-    both = f"observations of 4, actions of 2.*observations of {obs_size} and actions of {action_size}"
+    both = (
+        "observations of length 4, actions of length 2.*"
+        f"observations of length {obs_size} and actions of length {action_size}"
+    )
     with pytest.raises(InputError, match=both):
         load_reward(saved, obs_size, action_size)
     with pytest.raises(InputError, match=both):
@@ -84,11 +87,14 @@ def rewrite(**arrays):
 
 
 BROKEN = {
-    "no json": (lambda f: (f / "reward.json").unlink(), "holds no reward.json: give the reward/ folder"),
-    "no arrays": (lambda f: (f / "reward.npz").unlink(), "reward.npz is not there"),
+    "no json": (lambda f: (f / "reward.json").unlink(), "holds no reward.json: use the reward/ folder"),
+    "no arrays": (lambda f: (f / "reward.npz").unlink(), "reward.npz does not exist"),
     "json cut": (lambda f: (f / "reward.json").write_text('{"kind": "eair'), "reward.json is not JSON"),
-    "arrays cut": (lambda f: (f / "reward.npz").write_bytes((f / "reward.npz").read_bytes()[:200]), "not a whole .npz"),
-    "objects": (rewrite(params=np.array([{}], dtype=object)), "not a whole .npz of plain arrays"),
+    "arrays cut": (
+        lambda f: (f / "reward.npz").write_bytes((f / "reward.npz").read_bytes()[:200]),
+        "not a complete .npz",
+    ),
+    "objects": (rewrite(params=np.array([{}], dtype=object)), "not a complete .npz of plain arrays"),
     "another kind": (edit("reward.json", lambda c: c.update(kind="policy")), "does not describe a learned reward"),
     "no settings": (edit("reward.json", lambda c: c.pop("config")), "reward.json"),
     "unknown setting": (edit("reward.json", lambda c: c["config"].update(colour="red")), "reward.json"),

@@ -5,6 +5,7 @@ import io
 import jax
 import numpy as np
 import pytest
+from flax.traverse_util import unflatten_dict
 
 from eairl_jax import InputError, storage
 
@@ -15,7 +16,7 @@ def test_leaves_are_named_by_their_paths_and_nest_again(equal_trees):
     tree = {"params": {"g": {"kernel": np.ones((2, 3)), "bias": np.zeros(3)}}, "count": np.array(4)}
     leaves = storage.named_leaves(tree)
     assert set(leaves) == {"params/g/kernel", "params/g/bias", "count"}
-    equal_trees(storage.nested(leaves), tree)
+    equal_trees(unflatten_dict(leaves, sep="/"), tree)
 
 
 def test_arrays_round_trip_and_leave_nothing_behind(tmp_path, equal_trees):
@@ -62,31 +63,31 @@ UNREADABLE = {
 def test_what_is_no_whole_archive_of_plain_arrays_is_refused(tmp_path, content):
     path = tmp_path / "x.npz"
     path.write_bytes(content())
-    with pytest.raises(InputError, match=r"x\.npz is not a whole \.npz of plain arrays"):
+    with pytest.raises(InputError, match=r"x\.npz is not a complete \.npz of plain arrays"):
         storage.read_arrays(path)
 
 
 def test_damage_anywhere_is_refused_in_the_same_words(tmp_path):
     """NumPy, zipfile and zlib have an exception of their own for every byte; the reader meets one."""
     good, path, refused = whole(), tmp_path / "x.npz", 0
-    for i in range(0, len(good), 3):
+    for i in range(0, len(good), 7):
         path.write_bytes(good[:i] + bytes([good[i] ^ 255]) + good[i + 1 :])
         try:
             storage.read_arrays(path)  # some bytes, a time stamp's for one, say nothing
         except InputError as e:
-            refused += "is not a whole .npz" in str(e)
-    assert refused > 0.7 * len(good) / 3
+            refused += "is not a complete .npz" in str(e)
+    assert refused > 0.7 * len(good) / 7
 
 
 @pytest.mark.parametrize("content", ['{"a": 1', "", "[1, 2]", b"\xff\xfe\x00"], ids=["cut", "empty", "list", "bytes"])
 def test_what_is_no_json_object_is_refused(tmp_path, content):
     path = tmp_path / "x.json"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(InputError, match=r"x\.json (is not JSON|holds no JSON object)"):
+    with pytest.raises(InputError, match=r"x\.json (is not JSON|holds list: expected a JSON object)"):
         storage.read_json(path)
 
 
 @pytest.mark.parametrize("read", [storage.read_arrays, storage.read_json])
 def test_a_file_that_is_not_there_is_named(tmp_path, read):
-    with pytest.raises(InputError, match=r"missing is not there"):
+    with pytest.raises(InputError, match=r"missing does not exist"):
         read(tmp_path / "missing")

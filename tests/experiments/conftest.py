@@ -24,6 +24,8 @@ TINY = (
     "iterations=4",
     "snapshot_every=2",
 )
+# Those of `TINY` that reinforcement learning has too.
+RL_SETTINGS = tuple(a for a in TINY if not a.startswith(("history", "discriminator", "empowerment", "hidden")))
 EPISODES = {
     "eairl_jax.experiments.pipeline.train.EVALUATION_EPISODES": 2,
     "eairl_jax.experiments.commands.demos.SCORE_EPISODES": 2,
@@ -42,7 +44,7 @@ def tiny(monkeypatch):
 @pytest.fixture
 def rl_settings():
     """Those of `tiny` that retraining has too."""
-    return [a for a in TINY if not a.startswith(("history", "discriminator", "empowerment", "hidden"))]
+    return list(RL_SETTINGS)
 
 
 @pytest.fixture(scope="session")
@@ -53,6 +55,17 @@ def trained(tmp_path_factory):
         for name, episodes in EPISODES.items():
             patch.setattr(name, episodes)
         cli.main(["imitate", "pendulum", "--seeds", "2", "--out", str(folder), "--set", *TINY])
+    return folder
+
+
+@pytest.fixture(scope="session")
+def expert(tmp_path_factory):
+    """The folder of a tiny `eairl expert pendulum` of two seeds: trained once a session."""
+    folder = tmp_path_factory.mktemp("expert") / "expert"
+    with pytest.MonkeyPatch.context() as patch:
+        for name, episodes in EPISODES.items():
+            patch.setattr(name, episodes)
+        cli.main(["expert", "pendulum", "--seeds", "2", "--out", str(folder), "--set", *RL_SETTINGS])
     return folder
 
 

@@ -1,4 +1,4 @@
-// What brax's viewer asks of lil-gui: folders of buttons, sliders and check boxes.
+// The part of lil-gui that brax's viewer uses: folders of buttons, sliders and check boxes.
 function element(tag, parent, properties) {
   return parent.appendChild(Object.assign(document.createElement(tag), properties));
 }

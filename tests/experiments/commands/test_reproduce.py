@@ -6,20 +6,26 @@ import re
 import numpy as np
 import pytest
 
+from eairl_jax.experiments.commands import reproduce
 from eairl_jax.experiments.paper import plan
-from eairl_jax.experiments.paper.plan import Entry
+from eairl_jax.experiments.paper.plan import Planned
+
+
+def _plan(monkeypatch, experiments):
+    for module in (plan, reproduce):
+        monkeypatch.setattr(module, "EXPERIMENTS", experiments)
 
 
 def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys, run):
-    entries = [Entry(task, "bc") for task in ("pendulum", "point_maze_left", "ant")]
-    monkeypatch.setattr(plan, "EXPERIMENTS", {"table2": entries})
-    monkeypatch.setattr(plan, "short", lambda quick: tiny[:2] + tiny[-2:])
+    entries = [Planned(task, "bc") for task in ("pendulum", "point_maze_left", "ant")]
+    _plan(monkeypatch, {"table2": entries})
+    monkeypatch.setattr(reproduce, "short", lambda quick: tiny[:2] + tiny[-2:])
     arguments = ["reproduce", "table2", "--quick", "--out", tmp_path]  # of these tasks the ant is not a quick one
     assert run(*arguments) == 0
     printed = capsys.readouterr().out
     assert "table2: pendulum, 2 seeds" in printed
     rows = json.loads((tmp_path / "table2.json").read_text())["rows"]
-    assert [(r["row"], r["task"], r["target"], r["seeds"]) for r in rows] == [
+    assert [(r["name"], r["task"], r.get("target"), r["seeds"]) for r in rows] == [
         ("bc", "point_maze_left", None, [20, 21]), ("bc", "pendulum", None, [20, 21]),
     ]  # fmt: skip
     assert rows[1]["settings"]["config"]["method"] == "bc"
@@ -36,7 +42,7 @@ def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys, r
         patch.setattr(plan, "QUICK_SEEDS", 1)
         assert run(*arguments) == 2
         assert "holds bc of point_maze_left with seeds 20 to 21" in capsys.readouterr().err
-    monkeypatch.setattr(plan, "short", lambda quick: (*tiny[:2], *tiny[-2:], "policy_lr=0.5"))
+    monkeypatch.setattr(reproduce, "short", lambda quick: (*tiny[:2], *tiny[-2:], "policy_lr=0.5"))
     assert run(*arguments) == 2
     assert "holds bc of point_maze_left with other settings" in capsys.readouterr().err
 
@@ -44,15 +50,15 @@ def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys, r
 @pytest.mark.slow
 def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys, run, metrics_lines):
     pair = ("point_maze_left", "point_maze_right")
-    eairl = [Entry(pair[0], "eairl", "default", pair[1], rule) for rule in ("last", "policy", "random")]
-    changed = Entry(pair[0], "eairl", "default", pair[1], settings=("lambda_i=0",))
-    retrained = Entry(pair[0], "eairl", "default", pair[1], retrain=("entropy_weight=1",))
-    monkeypatch.setattr(plan, "EXPERIMENTS", {"table1": eairl, "table2": [], "ablations": [changed, retrained]})
-    monkeypatch.setattr(plan, "short", lambda quick: tiny[:2] + tiny[-2:])
+    eairl = [Planned(pair[0], "eairl", "default", pair[1], rule) for rule in ("last", "policy", "random")]
+    changed = Planned(pair[0], "eairl", "default", pair[1], settings=("lambda_i=0",))
+    retrained = Planned(pair[0], "eairl", "default", pair[1], retrain_settings=("entropy_weight=1",))
+    _plan(monkeypatch, {"table1": eairl, "table2": [], "ablations": [changed, retrained]})
+    monkeypatch.setattr(reproduce, "short", lambda quick: tiny[:2] + tiny[-2:])
     monkeypatch.setattr("eairl_jax.experiments.paper.reward_distance.TRANSITIONS", 16)
     assert run("reproduce", "all", "--quick", "--out", tmp_path) == 0
     rows = json.loads((tmp_path / "table1.json").read_text())["rows"]
-    assert [(r["rule"], r["target"]) for r in rows] == [
+    assert [(r["rule"], r.get("target")) for r in rows] == [
         ("last", pair[1]), ("policy", pair[1]), ("random", pair[1]),
     ]  # fmt: skip
     last, policy, random = rows
@@ -71,10 +77,10 @@ def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys, run, m
     assert (tmp_path / "figure2.png").stat().st_size > 10_000
     assert (tmp_path / "appendix-c-point_maze_left.png").stat().st_size > 10_000
     changed_row, retrained_row = json.loads((tmp_path / "ablations.json").read_text())["rows"]
-    assert changed_row["row"] == "eairl-sa+lambda_i=0"
+    assert changed_row["name"] == "eairl-sa+lambda_i=0"
     assert [r["is_published"] for r in (last, changed_row, retrained_row)] == [True, False, False]
     # Retrained by other settings, on the reward that the table's row learned.
-    assert retrained_row["row"] == "eairl-sa+retrain_entropy_weight=1"
+    assert retrained_row["name"] == "eairl-sa+retrain_entropy_weight=1"
     assert retrained_row["retrain_settings"]["retrain_hparams"]["entropy_weight"] == 1
     assert retrained_row["imitation_returns"] == last["imitation_returns"]
     assert retrained_row["returns"] != last["returns"]

@@ -15,9 +15,9 @@ def test_the_middle_half_decides():
 def test_the_interval_covers_the_mean_as_often_as_it_says():
     rng = np.random.default_rng(0)
     estimates = [interquartile_mean([rng.normal(0, 1, 10), rng.normal(0, 1, 10)]) for _ in range(60)]
-    covered = np.mean([e.low <= 0 <= e.high for e in estimates])
-    assert 0.8 < covered <= 1.0  # percentile intervals of 20 samples are a little narrow
-    assert all(e.low <= e.value <= e.high for e in estimates)
+    covered = np.mean([estimate.low <= 0 <= estimate.high for estimate in estimates])
+    assert 0.8 < covered <= 1.0  # percentile intervals of 20 samples are slightly too narrow
+    assert all(estimate.low <= estimate.value <= estimate.high for estimate in estimates)
 
 
 def test_probability_of_improvement_is_mann_whitneys():
@@ -28,12 +28,12 @@ def test_probability_of_improvement_is_mann_whitneys():
 
 
 @pytest.mark.parametrize(("shift", "expected"), [(10.0, (1.0, 1.0, 1.0)), (-10.0, (0.0, 0.0, 0.0))])
-def test_rows_that_do_not_overlap(shift, expected):
+def test_scores_that_do_not_overlap(shift, expected):
     scores = np.arange(5.0)
     assert probability_of_improvement([scores + shift], [scores]) == expected
 
 
-def test_a_row_beside_itself_is_even():
+def test_scores_beside_themselves_are_even():
     assert probability_of_improvement([np.arange(5.0)], [np.arange(5.0)]).value == 0.5
 
 

@@ -1,0 +1,194 @@
+"""The tables of results as records and as Markdown.
+
+`python -m eairl_jax.experiments.paper.tables` writes those of README.md and docs/results.md anew.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from eairl_jax.experiments.display.console import mean_and_std
+from eairl_jax.experiments.paper import published, results
+from eairl_jax.experiments.pipeline.result import Reference, Result
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = (ROOT / "README.md", ROOT / "docs" / "results.md")
+RULES = ("last", "source_retrain", "policy")
+"""The rules that have a column in the table of a transfer."""
+HOME = "back in the source"
+"""The column of rewards that are used in the task where they were learned."""
+IMITATING = "imitating, in the source"
+"""The column of the policies that learned the rewards."""
+
+
+class Cell(NamedTuple):
+    """A figure and the paper's, each as text and as a score from 0 (random actions) to 1 (the expert)."""
+
+    ours: str = ""
+    score: float | None = None
+    paper: str = ""
+    paper_score: float | None = None
+
+
+class Table(NamedTuple):
+    """A table. `lines` hold a name and at most one cell for each column."""
+
+    title: str
+    columns: list[str]
+    lines: list[tuple[str, list[Cell]]]
+
+    def has_paper(self, column: int) -> bool:
+        """Whether the paper has a figure for any line of a column."""
+        return any(len(cells) > column and cells[column].paper for _, cells in self.lines)
+
+
+def cell(result: Result | None, figures: published.Table) -> Cell:
+    """The cell of a result; an empty one for None.
+
+    Args:
+      figures: the paper's.
+    """
+    if result is None:
+        return Cell()
+    task = result.target or result.task
+    ours = mean_and_std(result.mean, result.std)
+    figure = published.figure(figures, task, result.method) if result.is_published else None
+    expert = published.figure(figures, task, "expert")
+    if figure is None or expert is None:
+        return Cell(ours, result.normalized)
+    # The paper does not say what random actions score in its tasks. Ours stand in for them.
+    paper_score = Reference(expert[0], result.random).normalized(figure[0])
+    return Cell(ours, result.normalized, published.show(figure), paper_score)
+
+
+def ceiling(result: Result) -> float:
+    """The normalised score of policies trained on the true reward under the same budget."""
+    return result.reference.normalized(float(np.mean(result.ceiling)))
+
+
+def picked_in_the_target(transfer: list[Result]) -> Result | None:
+    """What the authors' release reports: the iteration of EAIRL's reward with the best score *in the target*.
+
+    Returns:
+      The result of that iteration, or None if fewer than two iterations were tried.
+    """
+    iterations = [each for each in transfer if each.name == "eairl-sa" and _names_an_iteration(each.rule)]
+    return max(iterations, key=lambda result: result.mean) if len(iterations) > 1 else None
+
+
+def _names_an_iteration(rule: str | None) -> bool:
+    return rule is not None and rule.startswith(("iteration=", "last"))
+
+
+def tables(experiment: list[Result], figures: published.Table) -> list[Table]:
+    """The tables of an experiment: one of all imitations, and one for each pair of source and target.
+
+    Args:
+      figures: the paper's, `published.TRANSFER` or `published.IMITATION`.
+    """
+    imitations = [result for result in experiment if result.target is None]
+    pairs = results.by_task(results.transfers(experiment)).values()
+    first = [_imitation_table(imitations, figures)] if imitations else []
+    return [*first, *(_transfer_table(transfer, experiment, figures) for transfer in pairs)]
+
+
+def _imitation_table(imitations: list[Result], figures: published.Table) -> Table:
+    by_name = {(result.name, result.task): result for result in imitations}
+    tasks = list(dict.fromkeys(result.task for result in imitations))
+    of_tasks = [next(result for result in imitations if result.task == task) for task in tasks]
+    methods = [
+        (results.title(name), [cell(by_name.get((name, task)), figures) for task in tasks])
+        for name in results.names_in_order(imitations)
+    ]
+    expert = ("expert", [_expert(result, figures) for result in of_tasks])
+    random = ("random actions", [_random_actions(result) for result in of_tasks])
+    return Table("imitation", tasks, [expert, *methods, random])
+
+
+def _transfer_table(transfer: list[Result], experiment: list[Result], figures: published.Table) -> Table:
+    """The table of one pair of tasks; `experiment` holds the results back in the source, too."""
+    first = transfer[0]
+    by_column = {(result.name, result.rule): result for result in transfer}
+    by_column |= {(result.name, HOME): result for result in experiment if result.task == result.target == first.task}
+    columns = [column for column in (*RULES, HOME) if any(column == other for _, other in by_column)]
+    expert = ("expert", [_expert(first, figures)])
+    best = ("ceiling", [Cell(_mean_and_std(first.ceiling), ceiling(first))])
+    lines = [expert, best]
+    for name in results.names_in_order(result for result in transfer if result.rule in RULES):
+        # The paper's rewards are those of the last iteration.
+        cells = [cell(by_column.get((name, column)), figures if column == "last" else {}) for column in columns]
+        imitating = next(result for result in transfer if result.name == name).imitation_returns
+        lines.append((results.title(name), [*cells, Cell(_mean_and_std(imitating))]))
+    picked = picked_in_the_target(transfer)
+    if picked:
+        lines.append(("EAIRL, iteration picked by its score in the target", [cell(picked, {})]))
+    lines += [("random reward", [cell(result, {})]) for result in transfer if result.rule == "random"]
+    random = ("random actions", [_random_actions(first)])
+    return Table(results.pair(first), [*columns, IMITATING], [*lines, random])
+
+
+def _expert(result: Result, figures: published.Table) -> Cell:
+    figure = published.figure(figures, result.target or result.task, "expert")
+    return Cell(f"{result.expert:.2f}", 1.0, *((published.show(figure), 1.0) if figure else ()))
+
+
+def _random_actions(result: Result) -> Cell:
+    return Cell(f"{result.random:.2f}", 0.0)
+
+
+def _mean_and_std(returns: list[float]) -> str:
+    return mean_and_std(float(np.mean(returns)), float(np.std(returns)))
+
+
+def markdown(table: Table) -> str:
+    """A table as Markdown: every figure with its score, and the paper's column beside ours where it has one."""
+    with_paper = [table.has_paper(column) for column in range(len(table.columns))]
+
+    def texts(cells: list[Cell]) -> list[str]:
+        padded = [*cells, *[Cell()] * (len(table.columns) - len(cells))]
+        columns = []
+        for each, has_paper in zip(padded, with_paper, strict=True):
+            columns.append(_with_score(each.ours, each.score))
+            if has_paper:
+                columns.append(_with_score(each.paper, each.paper_score))
+        return columns
+
+    titles = []
+    for column, has_paper in zip(table.columns, with_paper, strict=True):
+        titles += [column, "paper"] if has_paper else [column]
+    lines = [
+        [table.title, *titles],
+        ["---"] * (1 + len(titles)),
+        *([name, *texts(cells)] for name, cells in table.lines),
+    ]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+
+
+def _with_score(figure: str, score: float | None) -> str:
+    return figure if score is None else f"{figure} ({score:.2f})"
+
+
+def updated(text: str, folder: Path = results.FOLDER) -> str:
+    """The text with new tables between `<!-- NAME -->` and `<!-- end -->`, for every NAME in `published.TABLES`."""
+
+    def block(match: re.Match) -> str:
+        name = match[1]
+        shown = tables(results.load(folder / f"{name}.json"), published.TABLES[name])
+        return "\n".join([f"<!-- {name} -->", "\n\n".join(map(markdown, shown)), "<!-- end -->"])
+
+    return re.sub(rf"<!-- ({'|'.join(published.TABLES)}) -->\n.*?<!-- end -->", block, text, flags=re.DOTALL)
+
+
+def main() -> None:
+    """Rewrites the tables of `PAGES`."""
+    for page in PAGES:
+        if page.exists():
+            page.write_text(updated(page.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""How XLA is set up: the user's settings stay, and devices never outnumber the threads."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from eairl_jax import xla
+
+ROOT = Path(__file__).resolve().parents[2]
+LOOPS = "--xla_cpu_experimental_ynn_fusion_type="
+
+
+def test_without_flags_of_the_user_ours_are_set():
+    flags = xla.xla_flags("", "0.10.2").split()
+    assert flags[0] == "--xla_cpu_multi_thread_eigen=false"
+    assert len(flags) == 4
+
+
+def test_the_users_flags_come_first_and_win():
+    user = "--xla_dump_to=/tmp/x --xla_cpu_multi_thread_eigen=true"
+    flags = xla.xla_flags(user, "0.10.2")
+    assert flags.startswith(user + " ")
+    assert flags.count("xla_cpu_multi_thread_eigen") == 1
+    assert LOOPS in flags.split()
+    assert xla.xla_flags(flags, "0.10.2") == flags
+
+
+@pytest.mark.parametrize("version", ["0.9.1", "0.11.0", "1.0.0"])
+def test_another_jaxlib_gets_no_flag_that_it_may_not_know(version):
+    assert xla.xla_flags("--a=1", version) == "--a=1 --xla_cpu_multi_thread_eigen=false"
+
+
+@pytest.mark.parametrize(
+    ("environ", "cores", "expected"),
+    [
+        ({}, 2, (2, 6)),
+        ({}, 16, (16, 34)),
+        ({"JAX_NUM_CPU_DEVICES": "8"}, 2, (8, 18)),
+        ({"NPROC": "4"}, 2, (2, 4)),
+        ({"NPROC": "4"}, 16, (3, 4)),
+        ({"NPROC": "1"}, 16, (1, 1)),
+        ({"NPROC": "9", "JAX_NUM_CPU_DEVICES": "4"}, 2, (4, 9)),
+    ],
+)
+def test_the_pool_of_threads_is_larger_than_the_number_of_devices(environ, cores, expected):
+    assert xla.cpu_devices(environ, cores) == expected
+
+
+@pytest.mark.parametrize(
+    ("environ", "folder"),
+    [
+        ({"XDG_CACHE_HOME": "/var/cache"}, "/var/cache/eairl_jax"),
+        ({"XDG_CACHE_HOME": ""}, "/home/someone/.cache/eairl_jax"),
+        ({}, "/home/someone/.cache/eairl_jax"),
+    ],
+)
+def test_the_cache_is_where_the_desktop_standard_says(monkeypatch, environ, folder):
+    monkeypatch.setattr(xla.Path, "home", lambda: Path("/home/someone"))
+    assert xla.compilation_cache(environ) == folder
+
+
+def test_without_a_home_directory_there_is_no_cache(monkeypatch):
+    def no_home():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(xla.Path, "home", no_home)
+    assert xla.compilation_cache({}) is None
+    assert xla.compilation_cache({"XDG_CACHE_HOME": "/var/cache"}) == "/var/cache/eairl_jax"
+
+
+REPORT = """
+import os, sys
+from eairl_jax.xla import configure_jax
+assert "jax" not in sys.modules
+configure_jax()
+import jax
+cache, least = jax.config.jax_compilation_cache_dir, jax.config.jax_persistent_cache_min_compile_time_secs
+print(len(jax.devices()), os.environ["NPROC"], cache, least, os.environ["XLA_FLAGS"])
+"""
+
+
+def test_a_process_takes_the_users_settings_and_ours_for_the_rest(tmp_path):
+    settings = {
+        "JAX_PLATFORMS": "cpu",
+        "JAX_NUM_CPU_DEVICES": "3",
+        "JAX_COMPILATION_CACHE_DIR": str(tmp_path),
+        "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=true",
+        "NPROC": "7",
+    }
+    result = subprocess.run(
+        [sys.executable, "-c", REPORT], env=os.environ | settings, cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    devices, threads, cache, least, *flags = result.stdout.split()
+    assert (devices, threads, cache, least) == ("3", "7", str(tmp_path), "0.2")
+    assert flags == xla.xla_flags("--xla_cpu_multi_thread_eigen=true", jax.lib.__version__).split()
+
+
+@pytest.mark.parametrize("number", [0.0, -2.5, np.inf])
+def test_a_scalar_passes_unchanged(number):
+    given = jnp.asarray(number, jnp.float32)
+    result = jax.jit(xla.prevent_loop_fusion)(given)
+    assert (result.dtype, result.shape, float(result)) == (jnp.float32, (), number)
+    assert int(xla.prevent_loop_fusion(jnp.asarray(7, jnp.int32))) == 7
+
+
+def test_nan_becomes_infinity_and_the_loop_holds_a_sort():
+    assert xla.prevent_loop_fusion(jnp.asarray(jnp.nan)) == jnp.inf
+    assert "sort" in str(jax.make_jaxpr(xla.prevent_loop_fusion)(0.5))

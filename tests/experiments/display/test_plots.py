@@ -1,0 +1,59 @@
+"""Pictures of curves: what the axes hold."""
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgba
+
+from eairl_jax.experiments.display.plots import Curve, curve_figure, plot, plot_sweep
+
+
+def test_a_curve_shows_the_mean_and_the_range_over_seeds():
+    values = np.array([[1.0, 3.0, np.nan], [3.0, 5.0, np.nan]])
+    figure = curve_figure("title", [Curve("return", "EAIRL", values, 10, ("expert", 7.0), "C3", "--")])
+    (axis,) = figure.axes
+    mean, expert = axis.lines
+    np.testing.assert_array_equal(mean.get_xdata(), [10, 20, 30])
+    np.testing.assert_array_equal(np.ma.filled(np.ma.masked_invalid(mean.get_ydata()), -1), [2.0, 4.0, -1])
+    assert (mean.get_color(), mean.get_linestyle(), mean.get_label()) == ("C3", "--", "EAIRL")
+    assert set(expert.get_ydata()) == {7.0}
+    band = axis.collections[0].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == (1.0, 5.0)
+    assert axis.get_title() == "return"
+
+
+def test_every_panel_has_its_curves_and_spare_axes_are_hidden():
+    curves = [
+        Curve(panel, label, np.ones((1, 2)), 1) for panel, label in (("a", "x"), ("b", "x"), ("a", "y"), ("c", ""))
+    ]
+    figure = curve_figure("title", curves, columns=2)
+    shown = [axis for axis in figure.axes if axis.get_visible()]
+    assert [(axis.get_title(), len(axis.lines)) for axis in shown] == [("a", 2), ("b", 1), ("c", 1)]
+    assert len(figure.axes) == 4
+    assert shown[0].get_legend()
+    assert not shown[2].get_legend()
+
+
+def test_a_plot_is_a_picture(tmp_path):
+    plot(tmp_path / "curves.png", "title", [Curve("return", "", np.ones((2, 3)), 10)])
+    assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_sweep_shows_a_dot_for_each_seed_and_the_expert(tmp_path, monkeypatch):
+    figures = []
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **_: figures.append(figure))
+    returns, curves = np.array([[1.0, 3.0], [5.0, 5.0]]), np.arange(12.0).reshape(2, 2, 3)
+    plot_sweep(tmp_path / "sweep.png", "title", ["lambda_i=0", "lambda_i=1"], returns, curves, 10, 6.0)
+    final, learning = figures[0].axes
+    first_dots, first_mean = final.lines[:2]
+    assert list(first_dots.get_ydata()) == [1.0, 3.0]
+    assert set(first_mean.get_ydata()) == {2.0}
+    assert [label.get_text() for label in final.get_xticklabels()] == ["lambda_i=0", "lambda_i=1"]
+    np.testing.assert_array_equal(learning.lines[1].get_ydata(), curves[1].mean(axis=0))
+    assert to_rgba(final.lines[0].get_color()) == to_rgba(learning.lines[0].get_color())
+    assert all(set(axis.lines[-1].get_ydata()) == {6.0} for axis in (final, learning))
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_panels_stand_in_rows_of_four(count):
+    curves = [Curve(str(number), "", np.ones((1, 1)), 1) for number in range(count)]
+    assert len(curve_figure("title", curves).axes) == (1 if count == 1 else 8)

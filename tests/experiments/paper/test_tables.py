@@ -1,0 +1,81 @@
+"""Tables made of results, as records and as Markdown."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from eairl_jax.experiments.paper import published, tables
+
+ROOT = Path(__file__).parents[3]
+MAZES = ("point_maze_left", "point_maze_right")
+
+
+def test_the_table_of_a_transfer(make_result):
+    experiment = [
+        make_result("airl_s-s", [8.0, 10.0], *MAZES, "last"),
+        make_result("airl_s-s", [6.0, 6.0], *MAZES, "source_retrain"),
+        make_result("eairl-separable", [5.0, 5.0], *MAZES, "last", is_published=False),
+        make_result("airl_s-s", [9.0, 9.0], MAZES[0], MAZES[0], "last"),
+        make_result("eairl-sa", [1.0, 1.0], *MAZES, "random"),
+    ]
+    (table,) = tables.tables(experiment, published.TRANSFER)
+    assert tables.markdown(table).splitlines() == [
+        "| point_maze_left to point_maze_right | last | paper | source_retrain | back in the source "
+        "| imitating, in the source |",
+        "| --- | --- | --- | --- | --- | --- |",
+        "| expert | 10.00 (1.00) | -4.98 ± 0.29 (1.00) |  |  |  |",
+        "| ceiling | 9.50 ± 0.50 (0.95) |  |  |  |  |",
+        "| AIRL(s) | 9.00 ± 1.00 (0.90) | -8.07 ± 0.50 (1.62) | 6.00 ± 0.00 (0.60) | 9.00 ± 0.00 (0.90) "
+        "| 7.00 ± 0.00 |",
+        "| EAIRL, separable | 5.00 ± 0.00 (0.50) |  |  |  | 7.00 ± 0.00 |",
+        "| random reward | 1.00 ± 0.00 (0.10) |  |  |  |  |",
+        "| random actions | 0.00 (0.00) |  |  |  |  |",
+    ]
+
+
+def test_the_table_of_imitations(make_result):
+    experiment = [
+        make_result("gail-sa", [8.0, 10.0], "ant"),
+        make_result("gail-sa", [5.0, 5.0], "pendulum"),
+        make_result("bc", [2.0, 2.0], "ant"),
+    ]
+    (table,) = tables.tables(experiment, published.IMITATION)
+    assert tables.markdown(table).splitlines() == [
+        "| imitation | ant | paper | pendulum | paper |",
+        "| --- | --- | --- | --- | --- |",
+        "| expert | 10.00 (1.00) | 935.12 ± 10.94 (1.00) | 10.00 (1.00) | -100.11 ± 1.32 (1.00) |",
+        "| behaviour cloning | 2.00 ± 0.00 (0.20) |  |  |  |",
+        "| GAIL | 9.00 ± 1.00 (0.90) | 738.72 ± 9.49 (0.79) | 5.00 ± 0.00 (0.50) | -116.01 ± 5.45 (1.16) |",
+        "| random actions | 0.00 (0.00) |  | 0.00 (0.00) |  |",
+    ]
+
+
+def test_a_changed_method_stands_beside_no_figure_of_the_paper(make_result):
+    result = make_result("eairl-sa", [5.0], "ant")
+    assert tables.cell(result, published.IMITATION).paper
+    assert not tables.cell(dataclasses.replace(result, is_published=False), published.IMITATION).paper
+    assert tables.cell(None, published.IMITATION) == tables.Cell()
+
+
+def test_the_releases_protocol_picks_the_best_iteration_in_the_target(make_result):
+    returns = {"iteration=40": 3.0, "iteration=80": 5.0, "last": 1.0, "policy": 9.0}
+    tried = [make_result("eairl-sa", [value], *MAZES, rule) for rule, value in returns.items()]
+    picked = tables.picked_in_the_target(tried)
+    assert picked is not None
+    assert picked.rule == "iteration=80"
+    assert tables.picked_in_the_target(tried[2:]) is None  # one iteration leaves no choice
+
+
+@pytest.mark.parametrize("page", [page for page in tables.PAGES if page.exists()], ids=lambda page: page.name)
+def test_the_pages_show_the_results(page):
+    text = page.read_text(encoding="utf-8")
+    assert tables.updated(text) == text, "run `python -m eairl_jax.experiments.paper.tables`"
+
+
+def test_the_tables_of_a_page_are_replaced_and_nothing_else():
+    text = "before\n<!-- table2 -->\nold\n<!-- end -->\nafter <!-- other -->\nkept\n<!-- end -->"
+    start, _, rest = tables.updated(text).partition("| imitation |")
+    assert start == "before\n<!-- table2 -->\n"
+    assert rest.endswith("\n<!-- end -->\nafter <!-- other -->\nkept\n<!-- end -->")
+    assert "old" not in rest
