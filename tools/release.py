@@ -28,6 +28,8 @@ NEEDED = (
     "eairl_jax/experiments/data/point_maze_left.npz",
     "eairl_jax/experiments/data/point_maze_left.json",
     "eairl_jax/experiments/display/viewer/page.html",
+    "eairl_jax/experiments/display/viewer/three.module.min.js",
+    "eairl_jax/experiments/display/viewer/three.LICENSE.txt",
 )
 # Everything that is not in Git and would end in a copy of the working tree.
 IGNORED = shutil.ignore_patterns(
