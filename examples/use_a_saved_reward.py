@@ -14,7 +14,7 @@ import eairl_jax
 from eairl_jax import envs
 
 folder = sys.argv[1] if len(sys.argv) > 1 else "runs/my-reward"
-iterations = int(sys.argv[2]) if len(sys.argv) > 2 else 120
+iterations = int(sys.argv[2]) if len(sys.argv) > 2 else 80
 
 # 1. Load the reward. A reward fits every task with observations and actions of the same sizes.
 env = envs.make("point_maze_right")
@@ -29,8 +29,17 @@ config = eairl_jax.Config(
     iterations=iterations,
     log_std_init=1.0,  # start wide: the way round the barrier has to be found
     log_std_max=1.2,
+    ppo_minibatches=8,
 )
-hparams = eairl_jax.HParams(gamma=0.999, gae_lambda=1.0, std_final_fraction=0.05)  # and end narrow
+hparams = eairl_jax.HParams(
+    gamma=0.999,  # the passage pays late
+    gae_lambda=1.0,
+    policy_lr=1.5e-3,
+    policy_lr_final_fraction=0.1,
+    entropy_weight=0.01,
+    entropy_final_fraction=0.0,
+    std_final_fraction=0.05,  # end narrow
+)
 function = eairl_jax.reward_function(reward.config)
 algorithm = eairl_jax.make_rl(env, config, lambda params, steps: function(params, steps.obs, steps.action))
 
