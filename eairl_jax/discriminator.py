@@ -114,7 +114,7 @@ def gradient_penalty(params: PyTree, expert: Samples, policy: Samples, config: C
     flat = jax.tree.map(lambda x: x.reshape(-1, x.shape[-1]), pair)
     share = (jnp.arange(flat[0][0].shape[0]) * GOLDEN_RATIO_STEP % 1.0)[:, None]
     inputs = jax.tree.map(lambda e, p: share * e + (1.0 - share) * p, *flat)
-    slope = jax.vmap(jax.grad(lambda x: reward(params, *x, config)))(inputs)
+    slope = jax.vmap(jax.grad(lambda x: reward(params, x[0], x[1], config)))(inputs)
     norm = jnp.sqrt(sum(jnp.sum(leaf**2, axis=-1) for leaf in slope) + 1e-12)
     return jnp.mean((norm - 1.0) ** 2)
 
@@ -181,7 +181,10 @@ def fit(
       policy: `[updates, batch, length, ...]` samples of the policy.
     """
     state, metrics = train_state.fit(
-        state, lambda params, pair: loss(params, *pair, hparams, config), (expert, policy), hparams.discriminator_lr
+        state,
+        lambda params, pair: loss(params, pair[0], pair[1], hparams, config),
+        (expert, policy),
+        hparams.discriminator_lr,
     )
     metrics["accuracy"] = 0.5 * (metrics["accuracy_expert"] + metrics["accuracy_policy"])
     metrics["log_prob_expert"] = expert.log_prob.mean()

@@ -38,7 +38,7 @@ def empty(obs_size: int, action_size: int, config: Config) -> Replay:
         slots = -(-POOL_PATHS // envs)
     leading = (slots, config.rollout_length, envs)
     tails = Transition((obs_size,), (action_size,), (), (obs_size,), (), (), ())
-    return Replay(Transition(*(jnp.zeros(leading + tail) for tail in tails)), jnp.zeros((), jnp.int32))
+    return Replay(Transition(*(jnp.zeros((*leading, *tail)) for tail in tails)), jnp.zeros((), jnp.int32))
 
 
 def add(key: Key, replay: Replay, transition: Transition, config: Config) -> Replay:

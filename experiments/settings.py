@@ -199,9 +199,10 @@ def documentation() -> dict[str, str]:
 
 
 def _field_docstrings(cls: type) -> dict[str, str]:
-    body = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0].body  # pyright: ignore
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
+    body = definition.body if isinstance(definition, ast.ClassDef) else []
     texts = {}
     for field, below in itertools.pairwise(body):
         if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
-            texts[field.target.id] = " ".join(str(below.value.value).split())  # pyright: ignore
+            texts[field.target.id] = " ".join(str(below.value.value).split())
     return texts

@@ -76,6 +76,13 @@ class Toy:
         return ToyState(obs, -jnp.sum((action - 0.5) ** 2), done)
 
 
+@pytest.fixture(autouse=True, scope="module")
+def forget_programs():
+    """Compiled programs are dropped after each file, or a process would hold those of all files (4 GB)."""
+    yield
+    jax.clear_caches()
+
+
 @pytest.fixture(scope="session")
 def toy():
     """Makes a `Toy`."""
@@ -111,9 +118,9 @@ def demos():
     return Demonstrations(draw(4), 0.5 + 0.1 * draw(2), draw(4), draw(), jnp.zeros((3, 5)))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def built(toy, tiny):
-    """`(algorithm, jitted init, jitted step)` of a method in a scaled `Toy`; compiled once a session."""
+    """`(algorithm, jitted init, jitted step)` of a method in a scaled `Toy`; compiled once a file."""
 
     @functools.cache
     def build(**changes):

@@ -157,7 +157,8 @@ def stages(experiment: Experiment, iterations: int) -> dict[str, Callable[[], No
             key, agent.clip_actions(experiment.source.demos, env, config), past, raw, config
         )
         pair = (discriminator_data.for_loss(x, pi, state.empowerment, acting, hparams, config) for x in drawn)
-        return discriminator.fit(d, *pair, hparams, config)[0]
+        expert, policy = pair
+        return discriminator.fit(d, expert, policy, hparams, config)[0]
 
     programs = {
         "simulation alone": (lambda key, s: simulate(key, s, env, config), acting.rollout.env),
@@ -247,7 +248,7 @@ def _print(experiment: Experiment, result: dict) -> None:
     title = f"{experiment.name} in {experiment.source.task}: {steps:,} env steps an iteration, one seed"
     table = Table(title=title, title_justify="left")
     for name, justify in (("stage", "left"), ("ms", "right"), ("env steps/s", "right"), ("share", "right")):
-        table.add_column(name, justify=justify)  # pyright: ignore
+        table.add_column(name, justify=justify)
     for name, ms in milliseconds.items():
         steps = result["env_steps_per_iteration"] * (SEEDS if "five" in name else 1)
         share = f"{ms / milliseconds['iteration']:.0%}" if "five" not in name else ""

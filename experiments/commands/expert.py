@@ -40,7 +40,7 @@ def run(options: Expert, command_line: str) -> None:
         curve = Curve("true return", "", folder.curve("true_return", seeds), training.config.steps_per_iteration)
         plot(folder.path / "curves.png", f"Experts of {task}", [curve])
         folder.write_summary(summary)
-    figures = [published.row(table, task, "expert") for table in (published.IMITATION, published.TRANSFER)]
+    figures = [published.figure(table, task, "expert") for table in (published.IMITATION, published.TRANSFER)]
     lines = [
         Line("sampled policy", np.array(summary["returns"]), next(filter(None, figures), None)),
         Line("its mean action", np.array(summary["returns_mean_action"])),

@@ -25,10 +25,10 @@ def run(options: Imitate, command_line: str) -> None:
         say(f"{experiment.name}: in {path}/")
         warn_if_saturated(results[-1])
     task, reference = options.task, experiments[0].source.reference
-    expert = published.row(published.IMITATION, task, "expert")
+    expert = published.figure(published.IMITATION, task, "expert")
     lines = [Line("expert", np.array([reference.expert]), expert, 1.0)]
     for result in results:
-        figure = published.row(published.IMITATION, task, result.method) if result.is_published else None
+        figure = published.figure(published.IMITATION, task, result.method) if result.is_published else None
         lines.append(Line(result.name, np.array(result.returns), figure, result.normalized))
     lines.append(Line("random actions", np.array([reference.random]), None, 0.0))
     print_table(f"Imitation of {task}: true return of the sampled policy, {options.seeds} seeds", lines)

@@ -62,13 +62,13 @@ def _reuse(options: Transfer, out: Path, command_line: str) -> Result:
 
 def _print(options: Transfer, results: list[Result]) -> None:
     target, ceiling, reference = options.target, np.array(results[0].ceiling), results[0].reference
-    expert = published.row(published.TRANSFER, target, "expert")
+    expert = published.figure(published.TRANSFER, target, "expert")
     lines = [
         Line("expert", np.array([reference.expert]), expert, 1.0),
         Line("ceiling", ceiling, None, reference.normalized(ceiling.mean()), "trained alike on the true reward"),
     ]
     for result in results:
-        figure = published.row(published.TRANSFER, target, result.method) if result.is_published else None
+        figure = published.figure(published.TRANSFER, target, result.method) if result.is_published else None
         iterations = " ".join(map(str, result.chosen_iterations))
         note = f"rule {result.rule}" + (f", reward of iteration {iterations}" if iterations else "")
         name = result.name if len(options.rule) == 1 else f"{result.name}, {result.rule}"

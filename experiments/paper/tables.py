@@ -172,15 +172,40 @@ def _with_score(figure: str, score: float | None) -> str:
     return figure if score is None else f"{figure} ({score:.2f})"
 
 
+# The rewards, and the transfers, of the compact table.
+COMPACT_NAMES = ("gail-sa", "airl_s-s", "airl_sa-sa", "eairl-sa", "airl_sa-separable", "eairl-separable")
+COMPACT_PAIRS = (
+    ("point_maze_left", "point_maze_right"),
+    ("point_maze_right", "point_maze_left"),
+    ("ant", "crippled_ant"),
+)
+
+
+def compact(experiment: list[Result], figures: published.Table) -> Table:
+    """One table of all transfers by the last iteration's reward: a line for each reward, a column for each transfer."""
+    lines_of = {table.title: dict(table.lines) for table in tables(experiment, figures)}
+    columns = [f"{source} to {target}" for source, target in COMPACT_PAIRS]
+    names = ("expert", "ceiling", *map(results.title, COMPACT_NAMES), "random actions")
+    lines = [(name, [(lines_of.get(pair, {}).get(name) or [Cell()])[0] for pair in columns]) for name in names]
+    return Table("reward of", columns, lines)
+
+
 def updated(text: str, folder: Path = results.FOLDER) -> str:
-    """The text with new tables between `<!-- NAME -->` and `<!-- end -->`, for every NAME in `published.TABLES`."""
+    """The text with new tables between `<!-- NAME -->` and `<!-- end -->`.
+
+    NAME is a key of `published.TABLES`, or "transfer" for the compact table of all transfers.
+    """
 
     def block(match: re.Match) -> str:
         name = match[1]
-        shown = tables(results.load(folder / f"{name}.json"), published.TABLES[name])
+        experiment = "table1" if name == "transfer" else name
+        loaded, figures = results.load(folder / f"{experiment}.json"), published.TABLES[experiment]
+        shown = [compact(loaded, figures)] if name == "transfer" else tables(loaded, figures)
         return "\n".join([f"<!-- {name} -->", "\n\n".join(map(markdown, shown)), "<!-- end -->"])
 
-    return re.sub(rf"<!-- ({'|'.join(published.TABLES)}) -->\n.*?<!-- end -->", block, text, flags=re.DOTALL)
+    return re.sub(
+        rf"<!-- ({'|'.join(('transfer', *published.TABLES))}) -->\n.*?<!-- end -->", block, text, flags=re.DOTALL
+    )
 
 
 def main() -> None:

@@ -64,8 +64,8 @@ REFUSED = {
         ["transfer", "point_maze_left", "point_maze_right", "--retrain-set", "actions=clipped"],
         "with --set actions=",
     ),
-    "no quick row": (["reproduce", "table1", "--quick", "--task", "pendulum"], "no quick row"),
-    "missing demonstrations": (["imitate", "pendulum", "--demos", "nowhere.npz"], "is not there"),
+    "no quick row": (["reproduce", "table1", "--quick", "--task", "pendulum"], "no quick experiment"),
+    "missing demonstrations": (["imitate", "pendulum", "--demos", "nowhere.npz"], "does not exist"),
 }
 
 
