@@ -32,7 +32,7 @@ demo: $(STAMP)
 
 test: $(STAMP)
 	@echo "== the fast tests, on two processes"
-	@$(BIN)/python -m pytest -m "not slow" -n 2
+	@$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
 
 test-slow: $(STAMP)
 	@echo "== the tests that train to convergence"
