@@ -106,7 +106,7 @@ def scores(reward: BatchReward, transitions: Transition) -> jax.Array:
 
 
 def places(transitions: Transition) -> jax.Array:
-    """Where plans lead, `[N, obs]`: the mean observation of their second half, in standard deviations over all plans."""
+    """Where plans lead, `[N, obs]`: the mean observation of the second half, in standard deviations over all plans."""
     second_half = transitions.next_obs[transitions.next_obs.shape[0] // 2 :].mean(axis=0)
     return second_half / (second_half.std(axis=0) + 1e-6)
 
