@@ -27,9 +27,30 @@ class Recipe:
     snapshot_every: int = 40
     """Iterations between two snapshots of the reward. A chunk of training is as long."""
     restarts: int = 1
-    """Policies trained for each score. The one that its own reward rates best is kept."""
+    """Policies trained to the end for each score. The one that its own reward rates best is kept."""
     source_retrain_iterations: int = 1
     """Iterations of a training by which the rule `source_retrain` judges a snapshot."""
+    trials: int = 0
+    """Policies that begin for each score, in different places (`eairl_jax.plans`). After `trial_iterations` the
+    `restarts` of them go on that their own reward rates best. 0: `restarts` policies begin as random networks."""
+    trial_iterations: int = 0
+    """Iterations of a trial; they are a part of `iterations`."""
+
+    def checked(self) -> Recipe:
+        """The recipe with short trainings that are possible in its number of iterations.
+
+        A snapshot is never judged by a longer training than the one that it stands for. A trial is at most half of a
+        training, and the trials are at least as many as the restarts; a training of 1 iteration has no trials.
+        """
+        iterations = self.config.iterations
+        length = min(self.trial_iterations, iterations // 2)
+        trials = max(self.trials, self.restarts) if self.trials and length else 0
+        return dataclasses.replace(
+            self,
+            source_retrain_iterations=min(self.source_retrain_iterations, iterations),
+            trials=trials,
+            trial_iterations=length if trials else 0,
+        )
 
 
 # The groups of a recipe's settings, and the default of each setting by its name.
@@ -66,10 +87,7 @@ def recipe(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any], tun
     check_hparams(hparams)
     result = Recipe(config, hparams, **training)
     _check_training(result)
-    # A snapshot is never judged by a longer training than the one that it stands for.
-    return dataclasses.replace(
-        result, source_retrain_iterations=min(result.source_retrain_iterations, config.iterations)
-    )
+    return result.checked()
 
 
 def _merged(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any], tuned: bool) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from eairl_jax.experiments.pipeline import policies
 from eairl_jax.experiments.pipeline.experiment import shipped_demonstrations
 from eairl_jax.experiments.pipeline.policies import Policies
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
-from eairl_jax.experiments.pipeline.stages import best_restarts, last_tenth
+from eairl_jax.experiments.pipeline.stages import learned_rewards
 from eairl_jax.experiments.pipeline.train import CLOSENESS, lane_keys
 from eairl_jax.storage import read_json, write_json
 from eairl_jax.types import Key, PyTree
@@ -173,17 +173,11 @@ def of_transfer(learned: Path, used: Path) -> dict[str, dict[str, list]]:
         measured = {
             place: measures(reward, imitating, there.env, _expert(there.task)) for place, there in tasks.items()
         }
-        measured["target"]["worth, retrained"] = _final_rewards(used, retrained).tolist()
+        kept = learned_rewards(RunFolder(used, retrained.settings)).max(axis=0)
+        measured["target"]["worth, retrained"] = kept.tolist()
         write_json(path, measured)
     return read_json(path)
 
 
 def _expert(task: str) -> Demonstrations:
     return demonstrations.load(shipped_demonstrations(task), task)
-
-
-def _final_rewards(used: Path, retrained: Policies) -> np.ndarray:
-    """Mean learned reward `[seeds]` of a step at the end of training, of the policies that were kept."""
-    folder, seeds = RunFolder(used, retrained.settings), len(retrained.seeds)
-    restarts = retrained.settings["restarts"]
-    return last_tenth(folder.curve("policy_reward", restarts * seeds)[best_restarts(folder, restarts, seeds)])

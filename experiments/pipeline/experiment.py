@@ -72,6 +72,8 @@ class Target:
             "retrain_hparams": dataclasses.asdict(self.recipe.hparams),
             "retrain_snapshot_every": self.recipe.snapshot_every,
             "restarts": self.recipe.restarts,
+            "trials": self.recipe.trials,
+            "trial_iterations": self.recipe.trial_iterations,
         }
 
     def for_reward(self, learned: Config) -> Target:

@@ -50,6 +50,8 @@ class Result:
       imitation_returns: true return, in the source, of the policy that learned each seed's reward.
       chosen_iterations: iteration of each seed's reward.
       ceiling: true return of each seed's policy trained on the true reward under the same budget.
+      learned_rewards: of a transfer, mean learned reward a step of each seed's kept policy in the target. It says how
+        well the training did on the reward that it was given.
       snapshots, source_returns: of `source_retrain`, the iterations it compared, and `[snapshots, seeds]` true
         returns in the source.
       retrain_settings: how policies were trained in the target.
@@ -79,6 +81,7 @@ class Result:
     imitation_returns: list[float] = field(default_factory=list)
     chosen_iterations: list[int] = field(default_factory=list)
     ceiling: list[float] = field(default_factory=list)
+    learned_rewards: list[float] = field(default_factory=list)
     snapshots: list[int] = field(default_factory=list)
     source_returns: list[list[float]] = field(default_factory=list)
     retrain_settings: dict[str, Any] | None = None

@@ -71,8 +71,9 @@ def _transfer(experiment: Experiment, use: Use, folder: RunFolder) -> Result:
     else:
         reward, facts = stages.choose_reward(folder, learning, experiment, use)
         save_reward(folder.path / "reward", reward)
-        _, returns = stages.score(folder, f"{experiment.name} in {target.task}", target, reward, seeds)
-        facts |= {"env_steps": target.recipe.config.env_steps}
+        scored = stages.score(folder, f"{experiment.name} in {target.task}", target, reward, seeds)
+        returns, learned_rewards = scored.returns, scored.learned_rewards.tolist()
+        facts |= {"env_steps": target.recipe.config.env_steps, "learned_rewards": learned_rewards}
     return dataclasses.replace(
         _result(experiment, returns, target.reference),
         target=target.task,
@@ -125,7 +126,7 @@ def reuse(saved_reward: Path, reward: LearnedReward, target: Target, out: Path, 
     if content is not None:
         return Result.from_json(content, f"{folder.path}/summary.json")
     name = f"{reward.config.method}-{with_method_defaults(reward.config).reward_form}"
-    curves, returns = stages.score(folder, f"{name} in {target.task}", target, reward, seeds)
+    scored = stages.score(folder, f"{name} in {target.task}", target, reward, seeds)
     result = Result(
         name=name,
         method=reward.config.method,
@@ -133,7 +134,8 @@ def reuse(saved_reward: Path, reward: LearnedReward, target: Target, out: Path, 
         target=target.task,
         rule="as saved",
         seeds=list(seeds),
-        returns=returns.tolist(),
+        returns=scored.returns.tolist(),
+        learned_rewards=scored.learned_rewards.tolist(),
         **target.reference._asdict(),
         env_steps=target.recipe.config.env_steps,
         **folder.seconds(),
@@ -146,7 +148,7 @@ def reuse(saved_reward: Path, reward: LearnedReward, target: Target, out: Path, 
     )
     folder.write_summary(result.to_json())
     title = f"{name}: {result.task} to {target.task}"
-    plot(folder.path / "curves.png", title, [_retraining_curve(target, curves, result.ceiling)])
+    plot(folder.path / "curves.png", title, [_retraining_curve(target, scored.curves, result.ceiling)])
     return result
 
 

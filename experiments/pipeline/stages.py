@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from eairl_jax import (
     Algorithm,
     Config,
+    HParams,
+    InputError,
     Lanes,
     LearnedReward,
+    Transition,
+    evaluate,
     learned_reward,
     load_reward,
     make_bc,
@@ -27,20 +34,32 @@ from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.pipeline.experiment import Experiment, Rule, Target, Use, snapshot_iterations
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, settings_digest
 from eairl_jax.experiments.pipeline.train import (
+    JUDGE,
     LEARN,
+    PLAN,
     RETRAIN,
     SOURCE_RETRAIN,
     Lane,
+    Start,
     final_returns,
     lane_keys,
     take_lanes,
     train,
 )
-from eairl_jax.experiments.settings import divisor
+from eairl_jax.experiments.settings import Recipe, divisor
 from eairl_jax.methods import METHODS, with_method_defaults
+from eairl_jax.plans import Search, make_planner
+from eairl_jax.rl import Reward, true_reward
+from eairl_jax.storage import read_json, write_json
 from eairl_jax.types import PyTree
 
 SATURATED_ACCURACY = 0.99
+SEARCH = Search()
+"""How many plans a retraining tries, and how it clones them."""
+JUDGED_EPISODES = 64
+"""Episodes by which the policy is chosen that is worth most to its reward."""
+LEARNED = "learned.json"
+"""The file of a run's folder that holds `learned_rewards`."""
 
 
 def make_algorithm(env: MjxTask, config: Config) -> Algorithm:
@@ -164,26 +183,23 @@ def choose_reward(folder: RunFolder, learning: RunFolder, experiment: Experiment
 def _by_source_retrain(folder: RunFolder, learning: RunFolder, experiment: Experiment, use: Use) -> Choice:
     """Trains policies on every snapshot in the source; each seed's best snapshot is the one with the best true return.
 
-    Of the repeats of a snapshot the one counts that its own reward rates best, as in the target. Their mean would be
-    low wherever one policy settled before a wall, whatever the reward.
+    Each snapshot has `repeats` policies. The one counts that its own reward rates best in the last tenth of training.
+    Their mean would be low wherever one policy settled before a wall, whatever the reward.
     """
     kept, seeds = snapshot_iterations(experiment.recipe), list(experiment.seeds)
     rule, source = use.rule, shortened(use.back_home, use.rule)
     rewards = [load_reward(snapshot_path(learning, iteration)) for iteration in kept]
-    # Lanes in the order (repeat, snapshot, seed).
-    params = jax.tree.map(lambda *leaves: np.concatenate(leaves * rule.repeats), *(each.params for each in rewards))
-    labels: list[Lane] = [
-        {"repeat": repeat, "snapshot": iteration, "seed": seed}
-        for repeat in range(rule.repeats)
-        for iteration in kept
-        for seed in seeds
-    ]
+    # Rewards in the order (snapshot, seed).
+    params = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(each.params for each in rewards))
+    labels: list[Lane] = [{"snapshot": iteration, "seed": seed} for iteration in kept for seed in seeds]
+    all_rewards = LearnedReward(rewards[0].description, rewards[0].config, params)
     inner = RunFolder(folder.path / "source_retrain", {"rule": dataclasses.asdict(rule)} | source.settings())
     title = f"{experiment.name}: retraining on {len(kept)} snapshots in {source.task}"
-    retrain(inner, title, source, with_params(rewards[0], params), labels, SOURCE_RETRAIN)
+    retrain(inner, title, Training(source, all_rewards, labels, SOURCE_RETRAIN))
     shape = (rule.repeats, len(kept), len(seeds))
     learned, true = (
-        last_tenth(inner.curve(name, len(labels))).reshape(shape) for name in ("policy_reward", "true_return")
+        last_tenth(inner.curve(name, rule.repeats * len(labels))).reshape(shape)
+        for name in ("policy_reward", "true_return")
     )
     scores = np.take_along_axis(true, learned.argmax(axis=0)[None], axis=0)[0]
     best = scores.argmax(axis=0)
@@ -193,46 +209,143 @@ def _by_source_retrain(folder: RunFolder, learning: RunFolder, experiment: Exper
     return Choice(reward, {"chosen_iterations": chosen, "snapshots": kept, "source_returns": scores.round(3).tolist()})
 
 
-def with_params(reward: LearnedReward, params: PyTree) -> LearnedReward:
-    """The reward with other parameters."""
-    return LearnedReward(reward.description, reward.config, params)
-
-
 def shortened(back_home: Target, rule: Rule) -> Target:
-    """The source as a target, with the short training by which `source_retrain` compares snapshots."""
+    """The source as a target, with the short training by which `source_retrain` compares snapshots.
+
+    A snapshot has fewer policies than a reward in the target, and as many trials for each of them.
+    """
     target = back_home.with_config(iterations=rule.iterations)
-    chunk = divisor(rule.iterations, max(1, rule.iterations // 2))
-    return dataclasses.replace(target, recipe=dataclasses.replace(target.recipe, snapshot_every=chunk))
+    recipe = dataclasses.replace(
+        target.recipe,
+        snapshot_every=divisor(rule.iterations, max(1, rule.iterations // 2)),
+        restarts=rule.repeats,
+        trials=target.recipe.trials * rule.repeats // target.recipe.restarts,
+    )
+    return dataclasses.replace(target, recipe=recipe.checked())
 
 
 # 3. Retrain ----------------------------------------------------------------------------------------------------------
 
 
-def retrain(
-    folder: RunFolder, title: str, target: Target, reward: LearnedReward | None, labels: list[Lane], phase: int
-) -> tuple[Algorithm, PyTree]:
-    """Trains a fresh policy in each lane.
+@dataclass(frozen=True)
+class Training:
+    """The training of policies on one or more rewards, several policies for each reward.
 
-    Args:
-      reward: learned rewards, `params` with a leading axis `[lanes, ...]`; None for the task's true reward.
-      labels: what tells the lanes apart.
+    Attributes:
+      target: where and how the policies are trained.
+      reward: learned rewards, `params` with a leading axis `[rewards, ...]`; None for the task's true reward.
+      labels: what tells the rewards apart, for example their seeds. The true reward has a label for each seed too.
       phase: of `lane_keys`.
+    """
+
+    target: Target
+    reward: LearnedReward | None
+    labels: list[Lane]
+    phase: int
+
+    @property
+    def config(self) -> Config:
+        """The static settings of the policies. A learned reward fixes the kind of their actions."""
+        target = self.target.for_reward(self.reward.config) if self.reward else self.target
+        return target.recipe.config
+
+    @property
+    def hparams(self) -> HParams:
+        """The floats of the policies' training."""
+        hparams = self.target.recipe.hparams
+        # -temperature log pi belongs to a learned reward, which is one of maximum-entropy reinforcement learning.
+        return hparams if self.reward else dataclasses.replace(hparams, temperature=0.0)
+
+    @property
+    def function(self) -> Reward:
+        """The reward as `make_rl` takes it."""
+        if self.reward is None:
+            return true_reward
+        function = reward_function(self.reward.config)
+        return lambda params, batch: function(params, batch.obs, batch.action)
+
+    @property
+    def algorithm(self) -> Algorithm:
+        """Reinforcement learning on the reward."""
+        return make_rl(self.target.env, self.config, self.function)
+
+    def params(self, count: int) -> PyTree:
+        """The parameters of the rewards, `count` times one after another; () for the true reward."""
+        params = self.reward.params if self.reward else ()
+        return jax.tree.map(lambda leaf: np.concatenate([leaf] * count), params)
+
+    def lanes(self, algorithm: Algorithm, phase: int, labels: list[Lane]) -> Lanes:
+        """A lane for each label; the labels name every reward equally often, all rewards one after another."""
+        keys = lane_keys(phase, *([label[name] for label in labels] for name in labels[0]))
+        params = self.params(len(labels) // len(self.labels))
+        return Lanes(algorithm, keys, self.hparams, params, data_per_lane=self.reward is not None)
+
+    def restarts(self, count: int) -> list[Lane]:
+        """The labels of `count` policies for each reward, in the order (policy, reward)."""
+        return [{"restart": restart} | label for restart in range(count) for label in self.labels]
+
+
+def retrain(folder: RunFolder, title: str, training: Training) -> tuple[Algorithm, PyTree]:
+    """Trains `restarts` policies for each reward. If the recipe has trials, these are the best of the trials.
 
     Returns:
-      The algorithm and the final states `[lanes, ...]`. The curves are in the folder's metrics.
+      The algorithm and the final states `[restarts * rewards, ...]`. The curves are in the folder's metrics; those of
+      the trials are in the metrics of `trials_folder`.
     """
-    hparams, params = target.recipe.hparams, ()
-    if reward is None:
-        algorithm = make_rl(target.env, target.recipe.config)
-        # -temperature log pi belongs to a learned reward, which is one of maximum-entropy reinforcement learning.
-        hparams = dataclasses.replace(hparams, temperature=0.0)
-    else:
-        function, params = reward_function(reward.config), reward.params
-        config = target.for_reward(reward.config).recipe.config
-        algorithm = make_rl(target.env, config, lambda params, batch: function(params, batch.obs, batch.action))
-    keys = lane_keys(phase, *([label[name] for label in labels] for name in labels[0]))
-    lanes = Lanes(algorithm, keys, hparams, params, data_per_lane=reward is not None)
-    return algorithm, train(folder, title, lanes, target.recipe, labels)
+    recipe, algorithm, start = training.target.recipe, training.algorithm, None
+    labels = training.restarts(recipe.restarts)
+    if recipe.trials:
+        start = Start(recipe.trial_iterations, lambda: best_trials(folder, f"{title}, trials", training))
+        rest = recipe.config.iterations - recipe.trial_iterations
+        recipe = dataclasses.replace(recipe, snapshot_every=divisor(rest, recipe.snapshot_every))
+    lanes = training.lanes(algorithm, training.phase, labels)
+    return algorithm, train(folder, title, lanes, recipe, labels, start=start)
+
+
+def best_trials(folder: RunFolder, title: str, training: Training) -> PyTree:
+    """Trains many policies for a few iterations, and returns the states `[restarts * rewards, ...]` of the best.
+
+    The policies begin in different places (`eairl_jax.plans`). The best are those of the highest reward, of the reward
+    that they are trained on.
+    """
+    recipe, inner = training.target.recipe, trials_folder(folder)
+    labels = training.restarts(recipe.trials)
+    config = dataclasses.replace(recipe.config, iterations=recipe.trial_iterations)
+    short = dataclasses.replace(recipe, config=config, snapshot_every=recipe.trial_iterations)
+    # The algorithm has the whole number of iterations: a trial is the first part of a training.
+    lanes = training.lanes(training.algorithm, training.phase, labels)
+    state = train(inner, title, lanes, short, labels, start=Start(0, lambda: planned(inner, training)))
+    return take_lanes(state, kept_trials(inner, recipe, len(training.labels)).ravel())
+
+
+def trials_folder(folder: RunFolder) -> RunFolder:
+    """The folder in which the trials of a retraining are trained."""
+    return RunFolder(folder.path / "trials", {"part": "trials"})
+
+
+def kept_trials(inner: RunFolder, recipe: Recipe, rewards: int) -> np.ndarray:
+    """Lanes `[restarts, rewards]` of the trials that go on: the highest mean rewards over their last quarter."""
+    curves = inner.curve("policy_reward", recipe.trials * rewards)
+    late = curves[:, -max(1, curves.shape[1] // 4) :].mean(axis=1).reshape(recipe.trials, rewards)
+    return np.argsort(-late, axis=0, kind="stable")[: recipe.restarts] * rewards + np.arange(rewards)
+
+
+def planned(inner: RunFolder, training: Training) -> PyTree:
+    """The states `[trials * rewards, ...]` of policies that begin where plans lead.
+
+    They depend on the labels, the rewards and the environment alone, so a run that was killed computes them again.
+    """
+    planner = make_planner(
+        training.target.env, training.config, training.target.recipe.trials, SEARCH, training.function
+    )
+    lanes = training.lanes(planner, PLAN, training.labels)
+    state = lanes.init()
+    inner.add_seconds(compile_seconds=lanes.compile(state, 1))
+    started = time.perf_counter()
+    state, _ = lanes.run(state, 1)
+    inner.add_seconds(run_seconds=time.perf_counter() - started)
+    # From [rewards, trials, ...] to lanes in the order (trial, reward).
+    return jax.tree.map(lambda leaf: np.swapaxes(leaf, 0, 1).reshape(-1, *leaf.shape[2:]), lanes.take(state))
 
 
 class Score(NamedTuple):
@@ -241,10 +354,12 @@ class Score(NamedTuple):
     Attributes:
       curves: `[seeds, iterations]` true returns while training.
       returns: `[seeds]` true returns at the end.
+      learned_rewards: `[seeds]` mean reward a step, of the reward that the policies were trained on, at the end.
     """
 
     curves: np.ndarray
     returns: np.ndarray
+    learned_rewards: np.ndarray
 
 
 def score(folder: RunFolder, title: str, target: Target, reward: LearnedReward | None, seeds: Sequence[int]) -> Score:
@@ -253,27 +368,72 @@ def score(folder: RunFolder, title: str, target: Target, reward: LearnedReward |
     A policy can settle before a wall that it has to walk around. The learned reward shows which policy did not; the
     true reward has no say.
     """
-    restarts = target.recipe.restarts
-    labels: list[Lane] = [{"restart": restart, "seed": seed} for restart in range(restarts) for seed in seeds]
-    if reward is not None:
-        params = jax.tree.map(lambda leaf: np.concatenate([leaf] * restarts), reward.params)
-        reward = with_params(reward, params)
-    algorithm, state = retrain(folder, title, target, reward, labels, RETRAIN)
-    kept = best_restarts(folder, restarts, len(seeds))
+    training = Training(target, reward, [{"seed": seed} for seed in seeds], RETRAIN)
+    algorithm, state = retrain(folder, title, training)
+    path = folder.path / LEARNED
+    if not path.exists():
+        write_json(path, {"learned_per_step": final_rewards(training, algorithm, state).tolist()})
+    kept = best_restarts(folder, target.recipe.restarts, len(seeds))
     returns = final_returns(target.env, algorithm, take_lanes(state, kept), seeds).mean(axis=1)
-    return Score(kept_curves(folder, target, len(seeds)), returns)
+    return Score(kept_curves(folder, target, len(seeds)), returns, learned_rewards(folder).max(axis=0))
 
 
-def kept_curves(folder: RunFolder, target: Target, seeds: int, metric: str = "true_return") -> np.ndarray:
-    """A metric `[seeds, iterations]` of the kept policies while they were trained."""
-    restarts = target.recipe.restarts
-    return folder.curve(metric, restarts * seeds)[best_restarts(folder, restarts, seeds)]
+def final_rewards(training: Training, algorithm: Algorithm, state: PyTree) -> np.ndarray:
+    """Mean reward a step `[restarts, rewards]` of policies `[restarts * rewards]`, of the reward they were trained on.
+
+    Each policy acts for `JUDGED_EPISODES` whole episodes. All policies of one reward begin in the same states and draw
+    the same noise. A step after the end of an episode counts as 0.
+    """
+    env, rewards = training.target.env, len(training.labels)
+    restarts = training.target.recipe.restarts
+
+    def lane_reward(state, params, key):
+        def act(obs, key):
+            return algorithm.act(state, obs, key)
+
+        _, steps = evaluate(key, env, act, JUDGED_EPISODES, env.episode_length)
+        before_end = 1.0 - jnp.cumsum(steps["terminated"], axis=1) + steps["terminated"]
+        zeros = jnp.zeros_like(steps["reward"])
+        batch = Transition(**steps, log_prob=zeros, truncated=zeros)
+        return (training.function(params, batch) * before_end).mean()
+
+    labels = training.labels * restarts
+    keys = lane_keys(JUDGE, *([label[name] for label in labels] for name in labels[0]))
+    lanes = jax.tree.map(jnp.asarray, (state, training.params(restarts)))
+    return np.asarray(jax.jit(jax.vmap(lane_reward))(*lanes, keys)).reshape(restarts, rewards)
+
+
+def learned_rewards(folder: RunFolder) -> np.ndarray:
+    """Mean reward a step `[restarts, seeds]` of every policy at the end (`final_rewards`), as `score` wrote it.
+
+    Raises:
+      InputError: if the folder has no such file.
+    """
+    path = folder.path / LEARNED
+    if not path.exists():
+        raise InputError(
+            f"{path} is missing, which says what the policies are worth to their reward: another version made this "
+            "run; repeat the command that made the run, with another --out"
+        )
+    return np.array(read_json(path)["learned_per_step"])
 
 
 def best_restarts(folder: RunFolder, restarts: int, seeds: int) -> np.ndarray:
-    """Lanes `[seeds]` of the policies that their own reward rates best at the end."""
-    by_reward = last_tenth(folder.curve("policy_reward", restarts * seeds)).reshape(restarts, seeds)
-    return by_reward.argmax(axis=0) * seeds + np.arange(seeds)
+    """Lanes `[seeds]` of the policies that are worth most, at the end, to the reward that they were trained on."""
+    if restarts == 1:
+        return np.arange(seeds)
+    return learned_rewards(folder).argmax(axis=0) * seeds + np.arange(seeds)
+
+
+def kept_curves(folder: RunFolder, target: Target, seeds: int, metric: str = "true_return") -> np.ndarray:
+    """A metric `[seeds, iterations]` of the kept policies while they were trained, from their trials on."""
+    recipe, kept = target.recipe, best_restarts(folder, target.recipe.restarts, seeds)
+    curves = folder.curve(metric, recipe.restarts * seeds)[kept]
+    if not recipe.trials:
+        return curves
+    inner = trials_folder(folder)
+    trials = inner.curve(metric, recipe.trials * seeds)[kept_trials(inner, recipe, seeds).ravel()[kept]]
+    return np.concatenate([trials, curves], axis=1)
 
 
 def last_tenth(curves: np.ndarray) -> np.ndarray:

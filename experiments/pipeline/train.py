@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import jax
@@ -22,7 +23,7 @@ RUNS = Path("runs")
 EVALUATION_EPISODES = 100
 
 # Phases of an experiment, for `lane_keys`.
-LEARN, RETRAIN, SOURCE_RETRAIN, EVALUATE, CLOSENESS = range(5)
+LEARN, RETRAIN, SOURCE_RETRAIN, EVALUATE, CLOSENESS, PLAN, JUDGE = range(7)
 
 # What tells a lane from the others: its seed, its restart, its point of a sweep, ...
 Lane = dict[str, float]
@@ -30,6 +31,20 @@ Lane = dict[str, float]
 
 class Diverged(RuntimeError):
     """A metric became NaN or infinite. The message says which metric, where, and what is kept."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """The states with which a training begins, if not with those of `Lanes.init`.
+
+    Attributes:
+      iteration: iterations that these states have behind them.
+      states: makes the states, NumPy arrays `[lanes, ...]`. The function is called whenever the folder has no
+        checkpoint yet, so it must return the same states after a kill.
+    """
+
+    iteration: int
+    states: Callable[[], PyTree]
 
 
 def lane_keys(phase: int, *numbers: Sequence[float]) -> Key:
@@ -58,6 +73,7 @@ def train(
     recipe: Recipe,
     labels: list[Lane],
     on_snapshot: Callable[[int, PyTree], None] | None = None,
+    start: Start | None = None,
 ) -> PyTree:
     """Trains all lanes to the end of the recipe, going on from the folder's last checkpoint.
 
@@ -68,6 +84,7 @@ def train(
       title: what the progress bar shows.
       labels: what tells the lanes apart in `metrics.csv`.
       on_snapshot: called with `(iteration, state)` after each chunk, the state as NumPy arrays `[lanes, ...]`.
+      start: the states to begin with; those of `lanes.init` if None.
 
     Returns:
       The final state, NumPy arrays `[lanes, ...]`.
@@ -79,14 +96,16 @@ def train(
     with folder.locked():
         iterations, chunk = recipe.config.iterations, recipe.snapshot_every
         checkpoints = Checkpoints(folder.path / "checkpoints")
-        state = lanes.init()
-        done = checkpoints.latest() or 0
-        if done:
+        state, first = lanes.init(), start.iteration if start else 0
+        done = checkpoints.latest() or first
+        if done > first:
             state = lanes.put(checkpoints.restore(done, lanes.take(state)))
             say(f"{title}: going on from iteration {done} of {iterations}")
+        elif start:
+            state = lanes.put(start.states())
         if done >= iterations:
             return lanes.take(state)
-        folder.keep_metrics(done * len(labels))
+        folder.keep_metrics((done - first) * len(labels))
         with console.status(f"{title}: compiling"):
             compile_seconds = lanes.compile(state, chunk)
         folder.add_seconds(compile_seconds=compile_seconds)

@@ -7,6 +7,7 @@ import shutil
 import pytest
 
 from eairl_jax.experiments import cli
+from eairl_jax.plans import Search
 
 TINY = (
     "num_envs=2",
@@ -26,7 +27,10 @@ TINY = (
 )
 # Those of `TINY` that reinforcement learning has too.
 RL_SETTINGS = tuple(a for a in TINY if not a.startswith(("history", "discriminator", "empowerment", "hidden")))
-EPISODES = {
+SEARCH = Search(plans=32, repeats=2, updates=10, batch=16)
+SIZES = {
+    "eairl_jax.experiments.pipeline.stages.SEARCH": SEARCH,
+    "eairl_jax.experiments.pipeline.stages.JUDGED_EPISODES": 2,
     "eairl_jax.experiments.pipeline.train.EVALUATION_EPISODES": 2,
     "eairl_jax.experiments.commands.demos.SCORE_EPISODES": 2,
     "eairl_jax.experiments.pipeline.experiment.SCORE_EPISODES": 2,
@@ -35,9 +39,9 @@ EPISODES = {
 
 @pytest.fixture
 def tiny(monkeypatch):
-    """`--set` arguments of a tiny run; evaluations are a few episodes."""
-    for name, episodes in EPISODES.items():
-        monkeypatch.setattr(name, episodes)
+    """`--set` arguments of a tiny run; evaluations are a few episodes, and few plans are tried."""
+    for name, size in SIZES.items():
+        monkeypatch.setattr(name, size)
     return TINY
 
 
@@ -52,8 +56,8 @@ def trained(tmp_path_factory):
     """The folder of a tiny `imitate`, for `finished` to copy: trained once a session."""
     folder = tmp_path_factory.mktemp("trained") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        for name, episodes in EPISODES.items():
-            patch.setattr(name, episodes)
+        for name, size in SIZES.items():
+            patch.setattr(name, size)
         cli.main(["imitate", "pendulum", "--seeds", "2", "--out", str(folder), "--set", *TINY])
     return folder
 
@@ -63,8 +67,8 @@ def expert(tmp_path_factory):
     """The folder of a tiny `eairl expert pendulum` of two seeds: trained once a session."""
     folder = tmp_path_factory.mktemp("expert") / "expert"
     with pytest.MonkeyPatch.context() as patch:
-        for name, episodes in EPISODES.items():
-            patch.setattr(name, episodes)
+        for name, size in SIZES.items():
+            patch.setattr(name, size)
         cli.main(["expert", "pendulum", "--seeds", "2", "--out", str(folder), "--set", *RL_SETTINGS])
     return folder
 

@@ -1,17 +1,34 @@
-"""Which reward a rule takes, and which policy is kept, from curves that are made up."""
+"""Which reward a rule takes, where fresh policies begin, and which policy is kept."""
 
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from flax import struct
 
-from eairl_jax import InputError, LearnedReward, save_reward
+from eairl_jax import Config, HParams, InputError, Lanes, LearnedReward, save_reward
 from eairl_jax.experiments.options import Transfer
 from eairl_jax.experiments.pipeline import run, stages
-from eairl_jax.experiments.pipeline.experiment import Rule, Use, make_target, transfers
+from eairl_jax.experiments.pipeline.experiment import Rule, Target, Use, make_target, transfers
+from eairl_jax.experiments.pipeline.result import Reference
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
-from eairl_jax.experiments.pipeline.stages import Score, choose_reward, describe, snapshot_path, untrained
+from eairl_jax.experiments.pipeline.stages import (
+    Score,
+    Training,
+    choose_reward,
+    describe,
+    learned_rewards,
+    retrain,
+    score,
+    snapshot_path,
+    untrained,
+)
+from eairl_jax.experiments.pipeline.train import RETRAIN
+from eairl_jax.experiments.settings import Recipe
+from eairl_jax.plans import Search
+from eairl_jax.storage import write_json
 
 SNAPSHOTS, SEEDS = (40, 80, 120), (0, 1)
 
@@ -24,9 +41,14 @@ def metrics(folder, labels, **values):
 def test_the_restart_that_its_own_reward_rates_best_is_kept(tmp_path):
     folder = RunFolder(tmp_path, {})
     labels = [{"restart": restart, "seed": seed} for restart in range(3) for seed in SEEDS]
-    metrics(folder, labels, policy_reward=[[1, 6], [3, 5], [2, 4]], true_return=[[9, 1], [2, 8], [9, 9]])
+    # While they were trained another policy was the best, by both returns.
+    metrics(folder, labels, policy_reward=[[9, 1], [2, 8], [9, 9]], true_return=[[9, 1], [2, 8], [9, 9]])
+    with pytest.raises(InputError, match="repeat the command"):
+        stages.best_restarts(folder, 3, 2)
+    write_json(tmp_path / stages.LEARNED, {"learned_per_step": [[1, 6], [3, 5], [2, 4]]})
     kept = stages.best_restarts(folder, 3, 2)
     assert [labels[lane] for lane in kept] == [{"restart": 1, "seed": 0}, {"restart": 0, "seed": 1}]
+    np.testing.assert_array_equal(stages.best_restarts(folder, 1, 3), [0, 1, 2])
 
 
 @pytest.fixture
@@ -45,8 +67,9 @@ def test_source_retrain_takes_each_seeds_best_snapshot_in_the_source(tmp_path, m
     assert experiment.use.rule.repeats == 2
     asked = {}
 
-    def made_up(folder, _title, target, reward, labels, _phase):
-        asked.update(target=target, params=reward.params, labels=labels)
+    def made_up(folder, _title, training):
+        asked.update(target=training.target, params=training.reward.params, labels=training.labels)
+        labels = training.restarts(training.target.recipe.restarts)
         # [repeat, snapshot, seed]. Of seed 0's snapshot 80 the second repeat has the higher learned reward, so its true
         # return counts, 7 and not 99; of seed 1's 120 the first, 9.
         learned = [[[1, 1], [1, 1], [1, 2]], [[0, 0], [2, 0], [0, 1]]]
@@ -59,8 +82,10 @@ def test_source_retrain_takes_each_seeds_best_snapshot_in_the_source(tmp_path, m
     assert facts["chosen_iterations"] == [80, 120]
     back_home = experiment.use.back_home
     assert asked["target"].task == "point_maze_left"
-    assert asked["target"].recipe.config.iterations == back_home.recipe.source_retrain_iterations
-    # Every lane was given the reward of its label, and each seed's is the one that is taken.
+    recipe = asked["target"].recipe
+    assert recipe.config.iterations == back_home.recipe.source_retrain_iterations
+    assert (recipe.restarts, recipe.trials) == (2, back_home.recipe.trials // 2)
+    # Every label names its reward, and each seed's is the one that is taken.
     initial = np.asarray(jax.tree.leaves(untrained(experiment))[0])
     for label, lane in zip(asked["labels"], jax.tree.leaves(asked["params"])[0], strict=True):
         np.testing.assert_allclose(lane, initial[label["seed"]] + label["snapshot"], rtol=1e-5)
@@ -73,8 +98,9 @@ def test_source_retrain_never_looks_at_the_target(tmp_path, monkeypatch, learned
     """The choice is the same whatever the target is: its environment is not even there."""
     experiment, learning = learned
 
-    def made_up(folder, _title, target, _reward, labels, _phase):
-        assert target.env is experiment.source.env
+    def made_up(folder, _title, training):
+        assert training.target.env is experiment.source.env
+        labels = training.restarts(2)
         metrics(folder, labels, policy_reward=np.arange(12), true_return=np.arange(12)[::-1])
 
     monkeypatch.setattr(stages, "retrain", made_up)
@@ -95,15 +121,15 @@ def test_policies_are_trained_with_the_actions_that_the_reward_knows(monkeypatch
     trained = []
     monkeypatch.setattr(stages, "make_rl", lambda _env, config, _reward: trained.append(config))
     monkeypatch.setattr(stages, "Lanes", lambda *_args, **_more: None)
-    monkeypatch.setattr(stages, "train", lambda *_: None)
-    stages.retrain(RunFolder(tmp_path / "use", {}), "", target, reward, [{"restart": 0, "seed": 0}], 1)
+    monkeypatch.setattr(stages, "train", lambda *_args, **_more: None)
+    stages.retrain(RunFolder(tmp_path / "use", {}), "", Training(target, reward, [{"seed": 0}, {"seed": 1}], RETRAIN))
     assert [config.actions for config in trained] == [actions]
 
 
 def test_another_reward_at_the_same_place_is_another_run(tmp_path, monkeypatch, learned):
     experiment, _learning = learned
     target = make_target("point_maze_left")
-    monkeypatch.setattr(stages, "score", lambda *_: Score(np.zeros((2, 4)), np.zeros(2)))
+    monkeypatch.setattr(stages, "score", lambda *_: Score(np.zeros((2, 4)), np.zeros(2), np.zeros(2)))
     monkeypatch.setattr(stages, "ceiling", lambda *_: [1.0, 1.0])
     reward = describe(experiment, untrained(experiment), [0, 0])
     path = tmp_path / "run" / "reward"
@@ -123,3 +149,107 @@ def test_a_saturated_discriminator_is_named(tmp_path, learned):
         folder.keep_metrics(0)
         folder.append_metrics(0, 1, [{"seed": 0}, {"seed": 1}], {"accuracy": accuracy})
         assert stages.saturated_lanes(folder, experiment) == names, iterations
+
+
+@struct.dataclass
+class PointState:
+    """The fields that every environment's state has."""
+
+    obs: jax.Array
+    reward: jax.Array
+    done: jax.Array
+
+
+class Point:
+    """A point in [-1, 1] that moves by its action. The true reward is NaN, so that nothing can be chosen by it."""
+
+    observation_size, action_size, action_limit, episode_length = 1, 1, 0.2, 10
+
+    def reset(self, rng):
+        return PointState(jax.random.uniform(rng, (1,), minval=-0.01, maxval=0.01), jnp.zeros(()), jnp.zeros(()))
+
+    def step(self, state, action):
+        return PointState(jnp.clip(state.obs + action, -1.0, 1.0), jnp.full((), jnp.nan), jnp.zeros(()))
+
+
+def pays(_params, obs, _action):
+    """A reward of 0.5 at -0.6 and of 1 at 0.8, and less farther away."""
+    x = obs[..., 0]
+    return 0.5 * jnp.maximum(0, 1 - jnp.abs(x + 0.6) / 0.6) + jnp.maximum(0, 1 - jnp.abs(x - 0.8) / 0.6)
+
+
+@pytest.fixture
+def point(monkeypatch):
+    """`Point` with a small recipe, and a learned reward that stands for `pays`."""
+    config = Config(
+        num_envs=8,
+        rollout_length=10,
+        episode_length=10,
+        iterations=6,
+        policy_hidden=(32,),
+        value_hidden=(8,),
+        ppo_epochs=2,
+        ppo_minibatches=2,
+        log_std_init=-2.5,
+    )
+    recipe = Recipe(config, HParams(policy_lr=1e-3), 2, restarts=2, trials=4, trial_iterations=2)
+    monkeypatch.setattr(stages, "reward_function", lambda _config: pays)
+    monkeypatch.setattr(stages, "SEARCH", Search(plans=256, repeats=4, updates=200, batch=64, lr=1e-2))
+    params = np.zeros((2, 1), np.float32)
+    return Target("point", Point(), recipe, Reference(1.0, 0.0)), LearnedReward({}, Config(), params)
+
+
+def test_what_pays_most_is_reached_though_it_is_far_and_the_true_reward_is_unknown(tmp_path, point):
+    target, reward = point
+    folder = RunFolder(tmp_path, {})
+    scored = score(folder, "point", target, reward, SEEDS)
+    assert np.isnan(scored.returns).all()
+    assert scored.curves.shape == (2, 6)
+    learned = learned_rewards(folder)
+    assert learned.shape == (2, 2)
+    # A policy that goes to -0.6, which is nearer, is paid at most 0.41.
+    assert (scored.learned_rewards > 0.45).all()
+    np.testing.assert_array_equal(scored.learned_rewards, learned.max(axis=0))
+    np.testing.assert_array_equal(learned.ravel()[stages.best_restarts(folder, 2, 2)], learned.max(axis=0))
+    # Of the four trials the two of the highest reward went on, and the curves of the kept policies hold their trials.
+    inner = stages.trials_folder(folder)
+    late = inner.curve("policy_reward", 8)[:, -1].reshape(4, 2)
+    went_on = stages.kept_trials(inner, target.recipe, 2)
+    np.testing.assert_array_equal(late.ravel()[went_on], -np.sort(-late, axis=0)[:2])
+    curves = stages.kept_curves(folder, target, 2, "policy_reward")
+    kept = went_on.ravel()[stages.best_restarts(folder, 2, 2)]
+    np.testing.assert_array_equal(curves[:, :2], inner.curve("policy_reward", 8)[kept])
+    assert [line["iteration"] for line in folder.metrics()[::4]] == ["3", "4", "5", "6"]
+
+
+def test_a_retraining_that_was_killed_goes_on_bit_for_bit(tmp_path, point, monkeypatch, equal_trees):
+    target, reward = point
+    training = Training(target, reward, [{"seed": seed} for seed in SEEDS], RETRAIN)
+    whole = retrain(RunFolder(tmp_path / "whole", {}), "point", training)[1]
+
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    def go_on():
+        return retrain(RunFolder(tmp_path / "killed", {}), "point", training)[1]
+
+    run_lanes, chunks = Lanes.run, []
+
+    def run_one_chunk(*arguments):
+        chunks.append(0)
+        return run_lanes(*arguments) if len(chunks) == 1 else killed()
+
+    # Before the plans are made, after the trials, and in the middle of the rest.
+    for module, name, instead in [
+        (stages, "planned", killed),
+        (stages, "kept_trials", killed),
+        (Lanes, "run", run_one_chunk),
+    ]:
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, instead)
+            with pytest.raises(KeyboardInterrupt):
+                go_on()
+    assert (tmp_path / "killed" / "checkpoints" / "4").is_dir()
+    equal_trees(whole, go_on())
+    for name in ("metrics.csv", "trials/metrics.csv"):
+        assert (tmp_path / "killed" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
