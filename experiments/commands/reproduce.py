@@ -15,8 +15,7 @@ from eairl_jax.experiments.paper import figures, plan, published, results, rewar
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, FIGURES, FIRST_SEED, Planned, retrain_variant
 from eairl_jax.experiments.pipeline import stages
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations, transfers
-from eairl_jax.experiments.pipeline.result import Result
-from eairl_jax.experiments.pipeline.run import learning_folder
+from eairl_jax.experiments.pipeline.run import Result, learning_folder
 from eairl_jax.experiments.pipeline.run import run as run_experiment
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, machine, settings_digest
 from eairl_jax.experiments.pipeline.train import RUNS

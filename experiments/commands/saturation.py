@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.markup import escape
 
 from eairl_jax.experiments.display.console import console
-from eairl_jax.experiments.pipeline.result import Result
+from eairl_jax.experiments.pipeline.run import Result
 from eairl_jax.experiments.pipeline.stages import SATURATED_ACCURACY
 
 

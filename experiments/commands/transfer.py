@@ -13,8 +13,7 @@ from eairl_jax.experiments.display.console import Line, print_table, say
 from eairl_jax.experiments.options import Transfer
 from eairl_jax.experiments.paper import published
 from eairl_jax.experiments.pipeline.experiment import refuse_other_sizes, target_of, transfers
-from eairl_jax.experiments.pipeline.result import Result
-from eairl_jax.experiments.pipeline.run import learning_folder, reuse
+from eairl_jax.experiments.pipeline.run import Result, learning_folder, reuse
 from eairl_jax.experiments.pipeline.run import run as run_experiment
 from eairl_jax.experiments.pipeline.train import RUNS
 

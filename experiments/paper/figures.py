@@ -17,8 +17,7 @@ from eairl_jax.experiments.paper import results
 from eairl_jax.experiments.pipeline import policies
 from eairl_jax.experiments.pipeline.episodes import play
 from eairl_jax.experiments.pipeline.experiment import transfer_folder_name
-from eairl_jax.experiments.pipeline.result import Result
-from eairl_jax.experiments.pipeline.run import learning_path
+from eairl_jax.experiments.pipeline.run import Result, learning_path
 
 GRID = 70  # points on a side of a heat map
 SHOWN = "eairl-separable"

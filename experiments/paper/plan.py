@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from eairl_jax.experiments.paper import results
 from eairl_jax.experiments.paper.tables import HOME
-from eairl_jax.experiments.pipeline.result import Result
+from eairl_jax.experiments.pipeline.run import Result
 from eairl_jax.methods import METHODS
 
 FIRST_SEED = 20

@@ -10,7 +10,7 @@ from eairl_jax.experiments.display.console import console
 from eairl_jax.experiments.paper import published, report_figures, report_tables, results, tables
 from eairl_jax.experiments.paper.claims import VERDICTS, claims, improvements
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, missing
-from eairl_jax.experiments.pipeline.result import Result
+from eairl_jax.experiments.pipeline.run import Result
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
 
 PAGE = Path("runs") / "report.html"

@@ -12,7 +12,7 @@ from eairl_jax.experiments.display.plots import curve_figure, figure_of
 from eairl_jax.experiments.paper import results, tables
 from eairl_jax.experiments.paper.figures import learning_curves
 from eairl_jax.experiments.paper.report_tables import OverviewLine, Panel
-from eairl_jax.experiments.pipeline.result import Result
+from eairl_jax.experiments.pipeline.run import Result
 
 MEASURES = ("epic", "rank correlation, expert", "rank correlation, policy", "rank correlation, random")
 

@@ -11,7 +11,7 @@ from eairl_jax.experiments.paper import published, results, tables
 from eairl_jax.experiments.paper.claims import scores
 from eairl_jax.experiments.paper.figures import SHOWN
 from eairl_jax.experiments.paper.statistics import Estimate, interquartile_mean
-from eairl_jax.experiments.pipeline.result import Result
+from eairl_jax.experiments.pipeline.run import Result
 
 WORTH = ("random", "expert", "retrained")
 """Whose steps are compared by their mean learned reward."""

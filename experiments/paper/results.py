@@ -8,7 +8,7 @@ from pathlib import Path
 import filelock
 
 from eairl_jax import InputError
-from eairl_jax.experiments.pipeline.result import Result
+from eairl_jax.experiments.pipeline.run import Result
 from eairl_jax.storage import read_json, write_json
 
 _SHIPPED = Path(__file__).resolve().parents[1] / "results"

@@ -13,7 +13,8 @@ import numpy as np
 
 from eairl_jax.experiments.display.console import mean_and_std
 from eairl_jax.experiments.paper import published, results
-from eairl_jax.experiments.pipeline.result import Reference, Result
+from eairl_jax.experiments.pipeline.experiment import Reference
+from eairl_jax.experiments.pipeline.run import Result
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / "README.md", ROOT / "docs" / "results.md")

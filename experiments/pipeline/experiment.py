@@ -1,4 +1,4 @@
-"""What is run: an `Experiment`, checked before anything is computed, and the `Result` that it ends with.
+"""What is run: an `Experiment`, checked before anything is computed.
 
 `imitations`, `sweeps` and `transfers` build experiments from a command's options; `run.run` runs one.
 """
@@ -11,6 +11,7 @@ import itertools
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 
@@ -19,7 +20,6 @@ from eairl_jax.config import Config, choose
 from eairl_jax.discriminator_data import check_segments
 from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.options import Bench, Imitate, Sweep, Transfer
-from eairl_jax.experiments.pipeline.result import Reference
 from eairl_jax.experiments.settings import GROUPS, Recipe, choose_setting, parse_overrides, recipe, refuse_unread
 from eairl_jax.methods import METHODS, method_names, with_method_defaults
 
@@ -28,6 +28,22 @@ RANDOM_SEED = 20_000
 
 # A method that is trained for longer, on larger batches or by another optimiser is still the paper's method.
 BUDGET = frozenset({"iterations", "snapshot_every", "num_envs", "rollout_length", "optimizer"})
+
+
+class Reference(NamedTuple):
+    """The two true returns that a score is normalised by.
+
+    Attributes:
+      expert: mean return of the demonstrator.
+      random: mean return of uniformly random actions.
+    """
+
+    expert: float
+    random: float
+
+    def normalized(self, returns):
+        """Returns, a number or an array, on a scale from 0 for random actions to 1 for the expert."""
+        return (returns - self.random) / (self.expert - self.random)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from eairl_jax.experiments.commands.saturation import warn_if_saturated
-from eairl_jax.experiments.pipeline.result import Result
+from eairl_jax.experiments.pipeline.run import Result
 
 
 @pytest.mark.parametrize("lanes", [[], ["seed 1"]])

@@ -2,7 +2,7 @@
 
 import pytest
 
-from eairl_jax.experiments.pipeline.result import Result
+from eairl_jax.experiments.pipeline.run import Result
 
 MEASURES = ("epic", *(f"rank correlation, {transitions}" for transitions in ("expert", "policy", "random")))
 WORTH = tuple(f"worth, {who}" for who in ("random", "expert", "policy", "retrained"))

@@ -11,8 +11,7 @@ from flax import struct
 from eairl_jax import Config, HParams, InputError, Lanes, LearnedReward, save_reward
 from eairl_jax.experiments.options import Transfer
 from eairl_jax.experiments.pipeline import run, stages
-from eairl_jax.experiments.pipeline.experiment import Rule, Target, Use, make_target, transfers
-from eairl_jax.experiments.pipeline.result import Reference
+from eairl_jax.experiments.pipeline.experiment import Reference, Rule, Target, Use, make_target, transfers
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import (
     Score,

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from eairl_jax import InputError
-from eairl_jax.experiments.pipeline.result import Reference, Result
+from eairl_jax.experiments.pipeline.experiment import Reference
+from eairl_jax.experiments.pipeline.run import Result
 
 FIELDS = dict(
     name="eairl-sa",
