@@ -50,3 +50,17 @@ def test_a_penalty_is_computed_only_where_it_has_a_weight():
 @pytest.mark.parametrize("iterations, near, largest", [(200, 40, 40), (50, 40, 25), (7, 40, 7), (7, 3, 1)])
 def test_divisor(iterations, near, largest):
     assert divisor(iterations, near) == largest
+
+
+def test_the_trials_of_a_recipe_are_possible_in_its_iterations():
+    env = envs.make("point_maze_left")
+
+    def trials(task="point_maze_left", **overrides):
+        made = recipe(task, env, "retrain", {"snapshot_every": 1} | overrides)
+        return made.trials, made.trial_iterations
+
+    assert trials() == (16, 20)
+    assert trials(iterations=4) == (16, 2)
+    assert trials(iterations=1) == (0, 0)
+    assert trials(restarts=20) == (20, 20)
+    assert trials("ant") == trials("swimmer") == (0, 0)

@@ -97,3 +97,10 @@ def test_seconds_add_up_over_sessions_and_phases(tmp_path):
     assert folder.seconds() == {"compile_seconds": 2.0, "run_seconds": 7.0}
     folder.write_summary({"mean": 1.0})
     assert folder.summary() == json.loads((tmp_path / "run" / "summary.json").read_text()) == {"mean": 1.0}
+
+
+def test_a_run_of_a_version_without_trials_is_continued_without_trials(tmp_path):
+    RunFolder(tmp_path, {"target": "ant", "restarts": 1})
+    RunFolder(tmp_path, {"target": "ant", "restarts": 1, "trials": 0, "trial_iterations": 0})
+    with pytest.raises(InputError, match="trials: there 0, here 16"):
+        RunFolder(tmp_path, {"target": "ant", "restarts": 1, "trials": 16, "trial_iterations": 20})
