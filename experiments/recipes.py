@@ -32,7 +32,7 @@ PURPOSE_DEFAULTS: dict[str, Section] = {
     # network must explore with a wide std (2.7) to find a passage. On a reward that charges much for actions such a
     # policy narrows its std before it has found the passage. These settings were chosen by learned returns.
     "retrain": dict(
-        policy_lr=1e-3,
+        policy_lr=3e-3,
         policy_lr_final_fraction=0.1,
         gamma=0.999,
         gae_lambda=1.0,
