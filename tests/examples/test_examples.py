@@ -52,12 +52,14 @@ def test_a_sweep_has_a_lane_for_each_value_and_seed(example, capsys):
     assert "lambda_i 1.0: true return" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_task_of_your_own_can_be_demonstrated_and_imitated(example):
     names = example("task_of_your_own", ITERATIONS)
     assert names["demos"].obs.shape == (10, 50, 2)
     assert np.isfinite(names["metrics"]["true_return"]).all()
 
 
+@pytest.mark.slow
 def test_a_method_of_your_own_trains(example):
     names = example("method_of_your_own", ITERATIONS)
     assert np.isfinite(names["metrics"]["policy_reward"]).all()
