@@ -1,4 +1,4 @@
-"""Whole trajectories are cut from rollouts and demonstrations of whole episodes alone; `test_irl.py` has the samples."""
+"""Whole trajectories are cut only from rollouts and demonstrations of whole episodes. `test_irl.py` has the samples."""
 
 import pytest
 
