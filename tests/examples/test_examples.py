@@ -1,4 +1,4 @@
-"""Every example runs as it stands, only shorter. Most share one program, which is compiled once."""
+"""Every example runs as it stands, only shorter. Compiling them takes minutes, so all but one test are slow ones."""
 
 import runpy
 import sys
@@ -34,6 +34,7 @@ def test_no_example_is_longer_than_60_lines():
     assert max(lengths.values()) <= 60, lengths
 
 
+@pytest.mark.slow
 def test_a_reward_is_learned_saved_and_used(example, tmp_path, capsys):
     learned = example("learn_a_reward", ITERATIONS)["reward"]
     used = example("use_a_saved_reward", str(tmp_path / "runs" / "my-reward"), ITERATIONS)
@@ -45,6 +46,7 @@ def test_a_reward_is_learned_saved_and_used(example, tmp_path, capsys):
     assert "seed 1: learned reward" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_sweep_has_a_lane_for_each_value_and_seed(example, capsys):
     names = example("vmapped_sweep", ITERATIONS, "1")
     assert names["returns"].shape == (2, 1)

@@ -7,12 +7,13 @@ import numpy as np
 
 def test_demos_make_what_imitate_reads(expert, tmp_path, tiny, run, capsys):
     path = tmp_path / "pendulum.npz"
-    assert run("demos", "pendulum", "--expert", expert, "--episodes", 3, "--out", path) == 0
+    assert run("demos", "pendulum", "--expert", expert, "--episodes", 20, "--out", path) == 0
     provenance = json.loads(path.with_suffix(".json").read_text())
     with np.load(path, allow_pickle=False) as arrays:
-        assert arrays["obs"].shape == (3, 200, 3)
+        assert arrays["obs"].shape == (20, 200, 3)
         np.testing.assert_allclose(arrays["reward"].sum(axis=1), provenance["returns"], rtol=1e-5)
     assert provenance["expert"]["chosen_seed"] in (0, 1)
+    # As many episodes as are shipped: the program of the other imitations fits.
     arguments = ["imitate", "pendulum", "--seeds", 2, "--demos", path, "--out", tmp_path / "run", "--set", *tiny]
     assert run(*arguments) == 0
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())

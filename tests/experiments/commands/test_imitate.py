@@ -13,7 +13,7 @@ def test_imitate_leaves_what_it_promises(finished, tiny, capsys, imitate, metric
     assert imitate(folder, tiny) == 0  # computes nothing, and prints the same score
     assert (folder / "metrics.csv").stat().st_mtime_ns == before
     summary = json.loads((folder / "summary.json").read_text())
-    promised = ["command_line", "task", "target", "method", "seeds", "env_steps", "compile_seconds", "run_seconds",
+    promised = ["command_line", "task", "method", "seeds", "env_steps", "compile_seconds", "run_seconds",
                 "expert", "random", "returns", "mean", "std", "normalized"]  # fmt: skip
     assert set(promised) <= set(summary)
     assert summary["env_steps"] == 4 * 2 * 20
@@ -62,9 +62,11 @@ def test_the_policy_by_trpo(tmp_path, tiny, imitate, metrics_lines):
 
 def test_another_first_seed(finished, tmp_path, tiny, run, metrics_lines):
     """A run's random numbers are those of its seed, not of its place among the others."""
-    assert run("imitate", "pendulum", "--seeds", 1, "--first-seed", 1, "--out", tmp_path / "one", "--set", *tiny) == 0
-    both, one = ([r for r in metrics_lines(folder) if r["seed"] == "1"] for folder in (finished, tmp_path / "one"))
-    assert len(both) == 4
-    np.testing.assert_allclose(*([[float(x) for x in r.values()] for r in rows] for rows in (both, one)), rtol=1e-3)
-    summaries = [json.loads((folder / "summary.json").read_text()) for folder in (finished, tmp_path / "one")]
-    assert [s["seeds"] for s in summaries] == [[0, 1], [1]]
+    assert run("imitate", "pendulum", "--seeds", 2, "--first-seed", 1, "--out", tmp_path / "other", "--set", *tiny) == 0
+    first, second = ([r for r in metrics_lines(path) if r["seed"] == "1"] for path in (finished, tmp_path / "other"))
+    assert len(first) == 4
+    np.testing.assert_allclose(
+        *([[float(x) for x in r.values()] for r in lines] for lines in (first, second)), rtol=1e-3
+    )
+    summaries = [json.loads((folder / "summary.json").read_text()) for folder in (finished, tmp_path / "other")]
+    assert [s["seeds"] for s in summaries] == [[0, 1], [1, 2]]
