@@ -107,7 +107,7 @@ def refuse_other_results(path: Path, experiments: dict[tuple, Experiment]) -> No
             continue
         if result.seeds != list(experiment.seeds):
             there, here = (f"seeds {seeds[0]} to {seeds[-1]}" for seeds in (result.seeds, experiment.seeds))
-        elif settings_digest(result.settings) != settings_digest(experiment.learning_settings()):
+        elif _digest(result.settings, result.retrain_settings) != _digest(*_settings(experiment)):
             there, here = "other settings", "these settings"
         else:
             continue
@@ -115,6 +115,16 @@ def refuse_other_results(path: Path, experiments: dict[tuple, Experiment]) -> No
             f"{path} holds {result.name} of {result.task} with {there}, which {here} would replace: give another "
             "--results DIR to keep both"
         )
+
+
+def _settings(experiment: Experiment) -> tuple[dict, dict | None]:
+    """How an experiment learns and, for a transfer, how it retrains."""
+    use = experiment.use
+    return experiment.learning_settings(), use.target.for_reward(experiment.config).settings() if use else None
+
+
+def _digest(learning: dict, retraining: dict | None) -> str:
+    return settings_digest(learning | (retraining or {}))
 
 
 def train(experiment: Experiment, out: Path, command_line: str) -> Result:
