@@ -191,6 +191,8 @@ RECIPES: dict[str, dict[str, Section]] = {
     "pendulum": {
         "all": dict(num_envs=10, rollout_length=200, log_std_init=0.0, log_std_max=1.0),
         "expert": dict(num_envs=32, ppo_minibatches=4),
+        # Plans were developed for the mazes. Policies of the pendulum begin as random networks with a wide std.
+        "retrain": dict(policy_lr=1.5e-3, std_final_fraction=0.05, trials=0),
     },
     "point_maze_left": MAZE,
     "point_maze_right": MAZE,
