@@ -78,9 +78,19 @@ class Toy:
 
 @pytest.fixture(autouse=True, scope="module")
 def forget_programs():
-    """Compiled programs are dropped after each file, or a process would hold those of all files (4 GB)."""
+    """Compiled programs are dropped when a process holds many, or it would hold those of all files (4 GB)."""
     yield
-    jax.clear_caches()
+    if resident_gb() > 1.8:
+        jax.clear_caches()
+
+
+def resident_gb():
+    """The memory that this process holds, in GB; 0 where the system does not say."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e9
 
 
 @pytest.fixture(scope="session")
@@ -118,9 +128,9 @@ def demos():
     return Demonstrations(draw(4), 0.5 + 0.1 * draw(2), draw(4), draw(), jnp.zeros((3, 5)))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def built(toy, tiny):
-    """`(algorithm, jitted init, jitted step)` of a method in a scaled `Toy`; compiled once a file."""
+    """`(algorithm, jitted init, jitted step)` of a method in a scaled `Toy`; compiled once a session."""
 
     @functools.cache
     def build(**changes):
