@@ -57,7 +57,11 @@ class Recipe:
 GROUPS: dict[str, dict[str, Any]] = {
     "config": {field.name: field.default for field in fields(Config)},
     "hparams": {field.name: field.default for field in fields(HParams)},
-    "recipe": {"snapshot_every": Recipe.snapshot_every},
+    "recipe": {
+        "snapshot_every": Recipe.snapshot_every,
+        "trials": Recipe.trials,
+        "trial_iterations": Recipe.trial_iterations,
+    },
 }
 SETTINGS: dict[str, Any] = {name: default for group in GROUPS.values() for name, default in group.items()}
 
@@ -118,6 +122,9 @@ def _check_training(recipe: Recipe) -> None:
         )
     if recipe.restarts < 1:
         raise InputError(f"--restarts {recipe.restarts}: expected at least 1")
+    for name in ("trials", "trial_iterations"):
+        if getattr(recipe, name) < 0:
+            raise InputError(f"{name} = {getattr(recipe, name)}: expected 0 (no trials) or more")
 
 
 def parse_overrides(assignments: tuple[str, ...]) -> dict[str, Any]:
@@ -177,6 +184,8 @@ ADVERSARY = frozenset(
 )
 TRPO = frozenset({"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"})
 PPO = frozenset({"clip_eps", "max_grad_norm"})
+# Only a retraining has trials.
+TRIALS = frozenset({"trials", "trial_iterations"})
 # The temperature belongs to a reward that is given; an adversarial method's reward contains -log pi by itself.
 TEMPERATURE = frozenset({"temperature", "temperature_final_fraction"})
 REINFORCEMENT = frozenset({"gamma", "gae_lambda", "entropy_weight", "entropy_final_fraction", "std_final_fraction"})
@@ -203,7 +212,7 @@ def refuse_unread(configs: list[Config], overrides: dict[str, Any], reinforcemen
     if reinforcement:
         unread |= EMPOWERMENT | ADVERSARY | {"method", "discriminator_updates", "discriminator_batch"}
     else:
-        unread |= TEMPERATURE
+        unread |= TEMPERATURE | TRIALS
     names = sorted(unread & set(overrides))
     if names:
         methods = ", ".join(dict.fromkeys(f"{config.method} with {config.optimizer}" for config in configs))

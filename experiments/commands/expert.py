@@ -14,7 +14,7 @@ from eairl_jax.experiments.paper import published
 from eairl_jax.experiments.pipeline.experiment import make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.train import LEARN, RUNS, final_returns, lane_keys, train
-from eairl_jax.experiments.settings import Recipe, parse_overrides, recipe, refuse_unread
+from eairl_jax.experiments.settings import TRIALS, Recipe, parse_overrides, recipe, refuse_unread
 
 
 def run(options: Expert, command_line: str) -> None:
@@ -26,6 +26,10 @@ def run(options: Expert, command_line: str) -> None:
     overrides = parse_overrides((f"optimizer={options.optimizer}", *options.set))
     training = recipe(task, env, "expert", overrides)
     refuse_unread([training.config], overrides, reinforcement=True)
+    if TRIALS & set(overrides):
+        raise InputError(
+            f"{', '.join(sorted(TRIALS))}: only a retraining (`eairl transfer`) has trials; leave them out"
+        )
     settings = {
         "task": task,
         "seeds": seeds,

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from eairl_jax.experiments import cli, recipes
+from eairl_jax.experiments import cli
 from eairl_jax.plans import Search
 
 TINY = (
@@ -39,13 +39,9 @@ SIZES = {
 
 @pytest.fixture
 def tiny(monkeypatch):
-    """`--set` arguments of a tiny run. Evaluations are a few episodes.
-
-    Retraining begins with random networks: `test_stages.py` has the trials, whose programs take long to compile.
-    """
+    """`--set` arguments of a tiny run; evaluations are a few episodes."""
     for name, size in SIZES.items():
         monkeypatch.setattr(name, size)
-    monkeypatch.setitem(recipes.PURPOSE_DEFAULTS["retrain"], "trials", 0)
     return TINY
 
 

@@ -59,8 +59,9 @@ def test_the_trials_of_a_recipe_are_possible_in_its_iterations():
         made = recipe(task, env, "retrain", {"snapshot_every": 1} | overrides)
         return made.trials, made.trial_iterations
 
-    assert trials() == (16, 20)
-    assert trials(iterations=4) == (16, 2)
-    assert trials(iterations=1) == (0, 0)
-    assert trials(restarts=20) == (20, 20)
-    assert trials("ant") == trials("swimmer") == (0, 0)
+    given = {"trials": 16, "trial_iterations": 20}
+    assert trials() == (0, 0)
+    assert trials(**given) == (16, 20)
+    assert trials(**given, iterations=4, snapshot_every=4) == (16, 2)
+    assert trials(**given, iterations=1, snapshot_every=1) == (0, 0)
+    assert trials(**given, restarts=20) == (20, 20)

@@ -15,7 +15,7 @@ def test_every_setting_is_explained(run, capsys):
 
 def test_a_purpose_holds_its_defaults_and_the_tasks_values():
     retrain = sections("point_maze_left")["retrain"]
-    assert (retrain["restarts"], retrain["trials"], retrain["value_hidden"]) == (4, 16, (48, 48))
+    assert (retrain["restarts"], retrain["value_hidden"]) == (4, (48, 48))
     assert sections("a task without a recipe").keys() == {"expert", "imitate", "reward", "retrain"}
 
 
