@@ -49,9 +49,8 @@ IMITATION: Table = {
     ("pendulum", "eairl"): (-116.26, 8.313),
 }
 
-# Which of them stand beside each file of results. Table 1 still holds results of an earlier retraining in the mazes;
-# "remeasured" holds those of the present one, which begins in many places.
-TABLES = {"table1": TRANSFER, "table2": IMITATION, "ablations": TRANSFER, "remeasured": TRANSFER}
+# Which of them stand beside each experiment of `eairl reproduce`.
+TABLES = {"table1": TRANSFER, "table2": IMITATION, "ablations": TRANSFER}
 
 
 def figure(table: Table, task: str, method: str) -> Figure | None:

@@ -8,9 +8,8 @@ import pytest
 from eairl_jax.experiments.commands import bench
 
 
-@pytest.mark.parametrize(
-    "methods", [("gail",), pytest.param(("eairl", "gail"), marks=pytest.mark.slow)], ids=["one", "two"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("methods", [("gail",), ("eairl", "gail")], ids=["one", "two"])
 def test_bench_measures_methods_in_turns(tmp_path, tiny, monkeypatch, capsys, run, table, methods):
     monkeypatch.setattr(bench, "ROUNDS", 1)
     path = tmp_path / "figures" / "bench.json"
