@@ -51,26 +51,25 @@ def rl_settings():
     return list(RL_SETTINGS)
 
 
-@pytest.fixture(scope="session")
-def trained(tmp_path_factory):
-    """The folder of a tiny `imitate`, for `finished` to copy: trained once a session."""
-    folder = tmp_path_factory.mktemp("trained") / "run"
+def run_tiny(folder, command, settings):
+    """Runs `eairl COMMAND pendulum` with two seeds and small evaluations, and returns its folder."""
     with pytest.MonkeyPatch.context() as patch:
         for name, size in SIZES.items():
             patch.setattr(name, size)
-        cli.main(["imitate", "pendulum", "--seeds", "2", "--out", str(folder), "--set", *TINY])
+        cli.main([command, "pendulum", "--seeds", "2", "--out", str(folder), "--set", *settings])
     return folder
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory):
+    """The folder of a tiny `imitate`, for `finished` to copy: trained once a session."""
+    return run_tiny(tmp_path_factory.mktemp("trained") / "run", "imitate", TINY)
 
 
 @pytest.fixture(scope="session")
 def expert(tmp_path_factory):
     """The folder of a tiny `eairl expert pendulum` of two seeds: trained once a session."""
-    folder = tmp_path_factory.mktemp("expert") / "expert"
-    with pytest.MonkeyPatch.context() as patch:
-        for name, size in SIZES.items():
-            patch.setattr(name, size)
-        cli.main(["expert", "pendulum", "--seeds", "2", "--out", str(folder), "--set", *RL_SETTINGS])
-    return folder
+    return run_tiny(tmp_path_factory.mktemp("expert") / "expert", "expert", RL_SETTINGS)
 
 
 @pytest.fixture
