@@ -26,8 +26,8 @@ class PolicyState:
 
     Attributes:
       nets: parameters {"actor", "critic"} and their Adam moments.
-      log_std_offset: `[]` log of the present fraction of the std (`HParams.std_final_fraction`); it is added to the
-        actor's log std.
+      log_std_offset: `[]` log of the present factor of the std (`HParams.std_initial_fraction`, `std_final_fraction`);
+        it is added to the actor's log std.
       return_var: `[]` running variance of the discounted return. Rewards are divided by its root, so that learned
         rewards of any scale train with the same learning rates.
       return_count: `[]` number of iterations that `return_var` has seen.

@@ -12,7 +12,7 @@ from flax import struct
 from eairl_jax import normalize, rollout
 from eairl_jax.config import Config
 from eairl_jax.gaussian import Gaussian
-from eairl_jax.types import Env, Key, PolicyOptimizer, PyTree, Transition
+from eairl_jax.types import Env, HParams, Key, PolicyOptimizer, PyTree, Transition
 
 Steps = TypeVar("Steps", bound=Any)  # a NamedTuple with obs, action and next_obs, as Transition
 
@@ -34,7 +34,7 @@ class Agent:
     policy: PyTree
 
 
-def init(key: Key, env: Env, optimizer: PolicyOptimizer, config: Config) -> Agent:
+def init(key: Key, env: Env, optimizer: PolicyOptimizer, hparams: HParams, config: Config) -> Agent:
     """A fresh policy at the start of fresh episodes.
 
     Raises:
@@ -43,15 +43,21 @@ def init(key: Key, env: Env, optimizer: PolicyOptimizer, config: Config) -> Agen
     env_key, policy_key = jax.random.split(key)
     environments = rollout.reset(env_key, env, config.num_envs, config.rollout_length, config.episode_length)
     stats = normalize.initial(env, config.normalize_obs)
-    return Agent(jnp.zeros((), jnp.int32), environments, stats, optimizer.init(policy_key))
+    return Agent(jnp.zeros((), jnp.int32), environments, stats, fresh_policy(policy_key, optimizer, hparams))
 
 
-def reset_policy_if_due(key: Key, agent: Agent, optimizer: PolicyOptimizer, config: Config) -> Agent:
+def fresh_policy(key: Key, optimizer: PolicyOptimizer, hparams: HParams) -> PyTree:
+    """A policy with random weights and the std of the first iteration."""
+    return dataclasses.replace(optimizer.init(key), log_std_offset=jnp.log(hparams.std_initial_fraction))
+
+
+def reset_policy_if_due(key: Key, agent: Agent, optimizer: PolicyOptimizer, hparams: HParams, config: Config) -> Agent:
     """The agent, with a fresh policy at every `config.policy_reset_every`-th iteration (never, if that is 0)."""
     if not config.policy_reset_every:
         return agent
     due = (agent.iteration > 0) & (agent.iteration % config.policy_reset_every == 0)
-    policy = jax.tree.map(lambda new, old: jnp.where(due, new, old), optimizer.init(key), agent.policy)
+    fresh = fresh_policy(key, optimizer, hparams)
+    policy = jax.tree.map(lambda new, old: jnp.where(due, new, old), fresh, agent.policy)
     return dataclasses.replace(agent, policy=policy)
 
 

@@ -15,6 +15,7 @@ RANGES: dict[str, tuple[float, bool, float]] = {
     "gamma": (0.0, True, 1.0),
     "gae_lambda": (0.0, True, 1.0),
     "kl_limit": (0.0, False, np.inf),
+    "std_initial_fraction": (0.0, False, np.inf),
     "std_final_fraction": (0.0, False, np.inf),
 }
 
@@ -47,9 +48,12 @@ class HParams:
     """Weight of the policy's entropy in its objective (Appendix D.2: 0.1 to learn a reward, 0.001 to imitate)."""
     entropy_final_fraction: float | jax.Array = 1.0
     """Fraction of `entropy_weight` that is left after the last iteration; the weight is linear in between."""
+    std_initial_fraction: float | jax.Array = 1.0
+    """The policy's std is multiplied by this number before the first iteration, above 0. A policy with a large fraction
+    explores first."""
     std_final_fraction: float | jax.Array = 1.0
-    """Fraction of the policy's std that is left after the last iteration, above 0; the std is geometric in between. A
-    policy with a small fraction explores first and settles later."""
+    """The policy's std is multiplied by this number after the last iteration, above 0; the factor is geometric between
+    the first iteration and the last. A policy with a small fraction settles at the end."""
     temperature: float | jax.Array = 0.0
     """Maximum-entropy RL on a reward that is not learned at the same time: `-temperature log pi(a|s)` is added to the
     reward. The policies of AIRL and EAIRL do not use the setting: their reward f - log pi has a temperature of 1."""
@@ -75,7 +79,7 @@ class HParams:
     def at(self, progress: jax.Array) -> HParams:
         """The settings at `progress` `[]` of the run, from 0 to 1: annealed rates have their present values.
 
-        `std_final_fraction` becomes the present fraction of the std.
+        `std_final_fraction` becomes the present factor of the std.
         """
         progress = jax.numpy.clip(progress, 0.0, 1.0)
 
@@ -86,7 +90,7 @@ class HParams:
             self,
             policy_lr=annealed(self.policy_lr, self.policy_lr_final_fraction),
             entropy_weight=annealed(self.entropy_weight, self.entropy_final_fraction),
-            std_final_fraction=self.std_final_fraction**progress,
+            std_final_fraction=self.std_initial_fraction ** (1.0 - progress) * self.std_final_fraction**progress,
             temperature=annealed(self.temperature, self.temperature_final_fraction),
         )
 
@@ -96,7 +100,7 @@ def check_hparams(hparams: HParams) -> None:
 
     Raises:
       InputError: if a value is NaN, infinite or negative, if `gamma` or `gae_lambda` is above 1, or if `kl_limit` or
-        `std_final_fraction` is 0.
+        a fraction of the std is 0.
     """
     for field in dataclasses.fields(hparams):
         value = getattr(hparams, field.name)

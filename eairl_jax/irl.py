@@ -73,12 +73,11 @@ def make_irl(env: Env, config: Config) -> Algorithm:
     optimizer, limit = make_optimizer(env, config), rollout.action_limit(env)
 
     def init(key: Key, hparams: HParams) -> IRLState:
-        del hparams  # no rate is a part of the state
         key, agent_key, emp_key, d_key = jax.random.split(key, 4)
         emp = empowerment.init(emp_key, obs_size, action_size, config) if methods.uses_empowerment(config) else None
         return IRLState(
             key=key,
-            agent=agent.init(agent_key, env, optimizer, config),
+            agent=agent.init(agent_key, env, optimizer, hparams, config),
             empowerment=emp,
             discriminator=train_state.init(discriminator.init(d_key, obs_size, action_size, config)),
             replay=replay.empty(obs_size, action_size, config),
@@ -90,7 +89,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         reset_key, replay_key = (jax.random.fold_in(tau_key, i) for i in (1, 2))
 
         # Collect trajectories tau with the policy pi_theta.
-        acting = agent.reset_policy_if_due(reset_key, state.agent, optimizer, config)
+        acting = agent.reset_policy_if_due(reset_key, state.agent, optimizer, hparams, config)
         acting, raw = agent.collect(tau_key, acting, env, optimizer, config)
         past, tau = replay.add(replay_key, state.replay, raw, config), agent.normalize_obs(acting, raw)
         pi = functools.partial(optimizer.distribution, acting.policy)

@@ -46,9 +46,8 @@ def make_rl(env: Env, config: Config, reward: Reward = true_reward) -> Algorithm
     optimizer = make_optimizer(env, config)
 
     def init(key: Key, hparams: HParams) -> RLState:
-        del hparams  # no rate is a part of the state
         key, agent_key = jax.random.split(key)
-        return RLState(key, agent.init(agent_key, env, optimizer, config))
+        return RLState(key, agent.init(agent_key, env, optimizer, hparams, config))
 
     def step(state: RLState, hparams: HParams, data: PyTree):
         hparams = hparams.at(agent.progress(state.agent, config))

@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import inspect
 import itertools
+import math
 import textwrap
 from dataclasses import dataclass, fields
 from typing import Any
@@ -35,12 +36,19 @@ class Recipe:
     `restarts` of them go on that their own reward rates best. 0: `restarts` policies begin as random networks."""
     trial_iterations: int = 0
     """Iterations of a trial; they are a part of `iterations`."""
+    wide_trials: int = 0
+    """Trials that begin as random networks with a wide std (`wide_std`) instead. All of them go on after the trials,
+    since a policy with a wide std earns little before its std falls."""
+    wide_std: float = 1.0
+    """The std of a wide trial before the first iteration, as a multiple of the std of the other trials. All policies
+    end with the same std."""
 
     def checked(self) -> Recipe:
         """The recipe with short trainings that are possible in its number of iterations.
 
         A snapshot is never judged by a longer training than the one that it stands for. A trial is at most half of a
-        training, and the trials are at least as many as the restarts; a training of 1 iteration has no trials.
+        training, and the trials are at least as many as the restarts; a training of 1 iteration has no trials. At most
+        half of the policies that go on are wide ones.
         """
         iterations = self.config.iterations
         length = min(self.trial_iterations, iterations // 2)
@@ -50,6 +58,7 @@ class Recipe:
             source_retrain_iterations=min(self.source_retrain_iterations, iterations),
             trials=trials,
             trial_iterations=length if trials else 0,
+            wide_trials=min(self.wide_trials, self.restarts // 2) if trials else 0,
         )
 
 
@@ -61,6 +70,8 @@ GROUPS: dict[str, dict[str, Any]] = {
         "snapshot_every": Recipe.snapshot_every,
         "trials": Recipe.trials,
         "trial_iterations": Recipe.trial_iterations,
+        "wide_trials": Recipe.wide_trials,
+        "wide_std": Recipe.wide_std,
     },
 }
 SETTINGS: dict[str, Any] = {name: default for group in GROUPS.values() for name, default in group.items()}
@@ -122,9 +133,11 @@ def _check_training(recipe: Recipe) -> None:
         )
     if recipe.restarts < 1:
         raise InputError(f"--restarts {recipe.restarts}: expected at least 1")
-    for name in ("trials", "trial_iterations"):
+    for name in ("trials", "trial_iterations", "wide_trials"):
         if getattr(recipe, name) < 0:
             raise InputError(f"{name} = {getattr(recipe, name)}: expected 0 (no trials) or more")
+    if not 0 < recipe.wide_std < math.inf:
+        raise InputError(f"wide_std = {recipe.wide_std}: expected a number above 0")
 
 
 def parse_overrides(assignments: tuple[str, ...]) -> dict[str, Any]:
@@ -185,10 +198,12 @@ ADVERSARY = frozenset(
 TRPO = frozenset({"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"})
 PPO = frozenset({"clip_eps", "max_grad_norm"})
 # Only a retraining has trials.
-TRIALS = frozenset({"trials", "trial_iterations"})
+TRIALS = frozenset({"trials", "trial_iterations", "wide_trials", "wide_std"})
 # The temperature belongs to a reward that is given; an adversarial method's reward contains -log pi by itself.
 TEMPERATURE = frozenset({"temperature", "temperature_final_fraction"})
-REINFORCEMENT = frozenset({"gamma", "gae_lambda", "entropy_weight", "entropy_final_fraction", "std_final_fraction"})
+REINFORCEMENT = frozenset(
+    {"gamma", "gae_lambda", "entropy_weight", "entropy_final_fraction", "std_initial_fraction", "std_final_fraction"}
+)
 
 
 def unread_settings(config: Config) -> frozenset[str]:

@@ -90,6 +90,8 @@ class Target:
             "restarts": self.recipe.restarts,
             "trials": self.recipe.trials,
             "trial_iterations": self.recipe.trial_iterations,
+            "wide_trials": self.recipe.wide_trials,
+            "wide_std": self.recipe.wide_std,
         }
 
     def for_reward(self, learned: Config) -> Target:

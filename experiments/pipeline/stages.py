@@ -249,10 +249,12 @@ class Training:
         target = self.target.for_reward(self.reward.config) if self.reward else self.target
         return target.recipe.config
 
-    @property
-    def hparams(self) -> HParams:
-        """The floats of the policies' training."""
-        hparams = self.target.recipe.hparams
+    def hparams(self, labels: list[Lane]) -> HParams:
+        """The floats of the training of each policy; the first policies of a reward are the wide ones."""
+        recipe = self.target.recipe
+        wide = np.array([label.get("restart", recipe.wide_trials) < recipe.wide_trials for label in labels])
+        width = np.where(wide, recipe.wide_std, 1.0) * recipe.hparams.std_initial_fraction
+        hparams = dataclasses.replace(recipe.hparams, std_initial_fraction=width)
         # -temperature log pi belongs to a learned reward, which is one of maximum-entropy reinforcement learning.
         return hparams if self.reward else dataclasses.replace(hparams, temperature=0.0)
 
@@ -278,7 +280,7 @@ class Training:
         """A lane for each label; the labels name every reward equally often, all rewards one after another."""
         keys = lane_keys(phase, *([label[name] for label in labels] for name in labels[0]))
         params = self.params(len(labels) // len(self.labels))
-        return Lanes(algorithm, keys, self.hparams, params, data_per_lane=self.reward is not None)
+        return Lanes(algorithm, keys, self.hparams(labels), params, data_per_lane=self.reward is not None)
 
     def restarts(self, count: int) -> list[Lane]:
         """The labels of `count` policies for each reward, in the order (policy, reward)."""
@@ -305,8 +307,9 @@ def retrain(folder: RunFolder, title: str, training: Training) -> tuple[Algorith
 def best_trials(folder: RunFolder, title: str, training: Training) -> PyTree:
     """Trains many policies for a few iterations, and returns the states `[restarts * rewards, ...]` of the best.
 
-    The policies begin in different places (`eairl_jax.plans`). The best are those of the highest reward, of the reward
-    that they are trained on.
+    The first `wide_trials` of each reward are random networks with a wide std, and all of them go on. The others begin
+    in different places (`eairl_jax.plans`). The best of these are those of the highest reward, of the reward that they
+    are trained on.
     """
     recipe, inner = training.target.recipe, trials_folder(folder)
     labels = training.restarts(recipe.trials)
@@ -314,7 +317,8 @@ def best_trials(folder: RunFolder, title: str, training: Training) -> PyTree:
     short = dataclasses.replace(recipe, config=config, snapshot_every=recipe.trial_iterations)
     # The algorithm has the whole number of iterations: a trial is the first part of a training.
     lanes = training.lanes(training.algorithm, training.phase, labels)
-    state = train(inner, title, lanes, short, labels, start=Start(0, lambda: planned(inner, training)))
+    start = Start(0, lambda: _first_policies(inner, training, lanes.take(lanes.init())))
+    state = train(inner, title, lanes, short, labels, start=start)
     return take_lanes(state, kept_trials(inner, recipe, len(training.labels)).ravel())
 
 
@@ -324,27 +328,37 @@ def trials_folder(folder: RunFolder) -> RunFolder:
 
 
 def kept_trials(inner: RunFolder, recipe: Recipe, rewards: int) -> np.ndarray:
-    """Lanes `[restarts, rewards]` of the trials that go on: the highest mean rewards over their last quarter."""
+    """Lanes `[restarts, rewards]` of the trials that go on: the wide ones, then the best of the others.
+
+    The best have the highest mean rewards over their last quarter.
+    """
     curves = inner.curve("policy_reward", recipe.trials * rewards)
     late = curves[:, -max(1, curves.shape[1] // 4) :].mean(axis=1).reshape(recipe.trials, rewards)
+    late[: recipe.wide_trials] = np.inf
     return np.argsort(-late, axis=0, kind="stable")[: recipe.restarts] * rewards + np.arange(rewards)
 
 
+def _first_policies(inner: RunFolder, training: Training, fresh: PyTree) -> PyTree:
+    """The states `[trials * rewards, ...]` in which the trials begin: the wide ones of `fresh`, and clones of plans."""
+    wide = training.target.recipe.wide_trials * len(training.labels)
+    return jax.tree.map(lambda a, b: np.concatenate([a[:wide], b]), fresh, planned(inner, training))
+
+
 def planned(inner: RunFolder, training: Training) -> PyTree:
-    """The states `[trials * rewards, ...]` of policies that begin where plans lead.
+    """The states `[plans * rewards, ...]` of policies that begin where plans lead.
 
     They depend on the labels, the rewards and the environment alone, so a run that was killed computes them again.
     """
-    planner = make_planner(
-        training.target.env, training.config, training.target.recipe.trials, SEARCH, training.function
-    )
+    target = training.target
+    places = target.recipe.trials - target.recipe.wide_trials
+    planner = make_planner(target.env, training.config, places, SEARCH, training.function)
     lanes = training.lanes(planner, PLAN, training.labels)
     state = lanes.init()
     inner.add_seconds(compile_seconds=lanes.compile(state, 1))
     started = time.perf_counter()
     state, _ = lanes.run(state, 1)
     inner.add_seconds(run_seconds=time.perf_counter() - started)
-    # From [rewards, trials, ...] to lanes in the order (trial, reward).
+    # From [rewards, plans, ...] to lanes in the order (plan, reward).
     return jax.tree.map(lambda leaf: np.swapaxes(leaf, 0, 1).reshape(-1, *leaf.shape[2:]), lanes.take(state))
 
 

@@ -31,9 +31,9 @@ def test_entropy_and_temperature_are_annealed_on_their_own():
 
 @pytest.mark.parametrize(("progress", "fraction"), [(0.0, 1.0), (0.5, 0.1), (0.75, 0.1**1.5), (1.0, 0.01), (3.0, 0.01)])
 def test_the_std_falls_by_the_same_factor_everywhere_to_its_end_and_stays_there(progress, fraction):
-    np.testing.assert_allclose(
-        HParams(std_final_fraction=0.01).at(jnp.asarray(progress)).std_final_fraction, fraction, rtol=1e-5
-    )
+    for first in (1.0, 5.0):
+        hparams = HParams(std_initial_fraction=first, std_final_fraction=0.01 * first).at(jnp.asarray(progress))
+        np.testing.assert_allclose(hparams.std_final_fraction, first * fraction, rtol=1e-5)
     assert HParams().at(jnp.asarray(progress)).std_final_fraction == 1.0
 
 
@@ -70,11 +70,11 @@ def test_possible_values_are_accepted_and_tracers_are_not_checked():
     assert traced(1.5) == 1.5
 
 
-def test_zero_is_possible_for_every_setting_but_two():
+def test_zero_is_possible_for_every_setting_but_three():
     """TRPO never moves with a KL limit of 0, and a std of 0 has no density."""
     for field in dataclasses.fields(HParams):
         hparams = HParams(**{field.name: 0.0})
-        if field.name in ("kl_limit", "std_final_fraction"):
+        if field.name in ("kl_limit", "std_initial_fraction", "std_final_fraction"):
             with pytest.raises(InputError, match=field.name):
                 check_hparams(hparams)
         else:

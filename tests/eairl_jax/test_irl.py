@@ -382,7 +382,7 @@ def test_of_executed_actions_the_part_beyond_the_bound_has_no_effect(toy, tiny, 
 
 
 def test_a_policy_starts_anew_and_its_reward_does_not(built):
-    hparams = HPARAMS.replace(policy_lr=0.0, std_final_fraction=0.25)
+    hparams = HPARAMS.replace(policy_lr=0.0, std_initial_fraction=4.0, std_final_fraction=0.25)
     _, init, step = built(policy_reset_every=2)
     demos = Demonstrations(*(jnp.ones((1, 5, *tail)) for tail in ((4,), (2,), (4,), (), ())))
     states = [init(jax.random.PRNGKey(0), hparams)]
@@ -394,7 +394,7 @@ def test_a_policy_starts_anew_and_its_reward_does_not(built):
 
     moved = [bool((weights(a) != weights(b)).any()) for a, b in itertools.pairwise(states)]
     assert moved == [False, False, True, False, True]  # the rate is 0, so only a fresh one differs
-    stds = [float(np.exp(state.agent.policy.log_std_offset)) for state in states[1:]]
-    np.testing.assert_allclose(stds, [1.0, 0.5, 1.0, 0.5, 1.0], rtol=1e-5)  # annealed within each policy's training
+    stds = [float(np.exp(state.agent.policy.log_std_offset)) for state in states]
+    np.testing.assert_allclose(stds, [4.0, 4.0, 1.0, 4.0, 1.0, 4.0], rtol=1e-5)  # annealed within each policy's training
     updates = [int(state.discriminator.adam.count) for state in states]
     assert updates == [2 * i for i in range(6)]

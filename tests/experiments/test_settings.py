@@ -57,11 +57,12 @@ def test_the_trials_of_a_recipe_are_possible_in_its_iterations():
 
     def trials(task="point_maze_left", **overrides):
         made = recipe(task, env, "retrain", {"snapshot_every": 1} | overrides)
-        return made.trials, made.trial_iterations
+        return made.trials, made.trial_iterations, made.wide_trials
 
-    given = {"trials": 16, "trial_iterations": 20}
-    assert trials() == (0, 0)
-    assert trials(**given) == (16, 20)
-    assert trials(**given, iterations=4, snapshot_every=4) == (16, 2)
-    assert trials(**given, iterations=1, snapshot_every=1) == (0, 0)
-    assert trials(**given, restarts=20) == (20, 20)
+    given = {"trials": 16, "trial_iterations": 20, "wide_trials": 2, "restarts": 4}
+    assert trials(**given) == (16, 20, 2)
+    assert trials(**given | {"iterations": 4, "snapshot_every": 4}) == (16, 2, 2)
+    assert trials(**given | {"iterations": 1, "snapshot_every": 1}) == (0, 0, 0)
+    assert trials(**given | {"restarts": 20}) == (20, 20, 2)
+    assert trials(**given | {"restarts": 3}) == (16, 20, 1)
+    assert trials(**given | {"trials": 0}) == (0, 0, 0)
