@@ -48,7 +48,8 @@ def init(key: Key, env: Env, optimizer: PolicyOptimizer, hparams: HParams, confi
 
 def fresh_policy(key: Key, optimizer: PolicyOptimizer, hparams: HParams) -> PyTree:
     """A policy with random weights and the std of the first iteration."""
-    return dataclasses.replace(optimizer.init(key), log_std_offset=jnp.log(hparams.std_initial_fraction))
+    fraction = jnp.asarray(hparams.std_initial_fraction, jnp.float32)
+    return dataclasses.replace(optimizer.init(key), log_std_offset=jnp.log(fraction))
 
 
 def reset_policy_if_due(key: Key, agent: Agent, optimizer: PolicyOptimizer, hparams: HParams, config: Config) -> Agent:

@@ -1,4 +1,4 @@
-"""The true returns of a policy."""
+"""The returns of a policy, true or by any other reward."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from eairl_jax.rollout import action_limit
-from eairl_jax.types import Env, Key
+from eairl_jax.types import Env, Key, Transition
 
 # (obs [episodes, obs], key) -> action [episodes, act]
 Act = Callable[[jax.Array, Key], jax.Array]
@@ -51,6 +51,18 @@ def evaluate(
     _, steps = jax.lax.scan(step, (state, jnp.ones(episodes)), jax.random.split(key, episode_length))
     steps = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), steps)
     return steps["reward"].sum(axis=1), steps
+
+
+def reward_per_step(reward: Callable[[Transition], jax.Array], steps: dict[str, jax.Array]) -> jax.Array:
+    """Mean reward a step `[]` of whole episodes, of any reward. A step after the end of an episode counts as 0.
+
+    Args:
+      reward: `raw transitions [E, T, ...] -> reward [E, T]`.
+      steps: as `evaluate` returns them, or the fields of `Demonstrations`; `[E, T, ...]`.
+    """
+    before_end = 1.0 - jnp.cumsum(steps["terminated"], axis=1) + steps["terminated"]
+    zeros = jnp.zeros_like(steps["reward"])
+    return (reward(Transition(**steps, log_prob=zeros, truncated=zeros)) * before_end).mean()
 
 
 def random_policy(env: Env) -> Act:

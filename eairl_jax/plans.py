@@ -165,28 +165,44 @@ def clone(
 ) -> agent.Agent:
     """A policy that acts as a plan `[T, act]` acts, in the states to which the plan and some noise lead.
 
-    Least squares fit the policy's mean action to the plan's action in each state. The policy's standard deviation and
-    its value function stay those of the agent `before`.
+    See `fit`.
     """
-    noise_key, draw_key = jax.random.split(key)
+    noise_key, fit_key = jax.random.split(key)
     noise = search.noise * action_limit(env)
     raw = simulate(noise_key, env, jnp.broadcast_to(plan, (search.repeats, *plan.shape)), noise)
-    policy = before.policy
+    return fit(fit_key, optimizer, before, (raw.obs, raw.action, 1.0 - raw.truncated), search)
+
+
+def fit(
+    key: Key,
+    optimizer: PolicyOptimizer,
+    before: agent.Agent,
+    samples: tuple[jax.Array, jax.Array, jax.Array],
+    search: Search,
+) -> agent.Agent:
+    """A policy whose mean action is fitted to given actions by least squares.
+
+    The policy's standard deviation and its value function stay those of the agent `before`.
+
+    Args:
+      samples: raw observations `[T, N, obs]`, actions `[T, N, act]`, and the weight of each sample `[T, N]`.
+    """
+    policy, (obs, action, weight) = before.policy, samples
 
     def loss(params: PyTree, minibatch):
-        obs, action, counts = minibatch
+        obs, action, weight = minibatch
         fitted = dataclasses.replace(policy, nets=dataclasses.replace(policy.nets, params=params))
         pi = optimizer.distribution(fitted, obs)
-        return (counts * ((pi.mean - action) ** 2).sum(axis=-1)).mean()
+        return (weight * ((pi.mean - action) ** 2).sum(axis=-1)).mean()
 
-    samples = normalize.normalize(before.obs_stats, raw.obs), raw.action, 1.0 - raw.truncated
+    samples = normalize.normalize(before.obs_stats, obs), action, weight
     rates = search.lr * (1.0 - jnp.arange(search.updates) / search.updates)
 
     def update(fitted, minibatch_and_rate):
         minibatch, rate = minibatch_and_rate
         return train_state.adam_step(fitted, jax.grad(loss)(fitted.params, minibatch), rate), None
 
-    minibatches = train_state.draw_minibatches(draw_key, samples, 2, search.updates, search.batch)
+    minibatches = train_state.draw_minibatches(key, samples, 2, search.updates, search.batch)
     fitted, _ = jax.lax.scan(update, policy.nets, (minibatches, rates))
     # The training of the clone begins with moments of 0.
     return dataclasses.replace(before, policy=dataclasses.replace(policy, nets=train_state.init(fitted.params)))

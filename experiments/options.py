@@ -256,6 +256,21 @@ class Evaluate:
 
 
 @dataclass(frozen=True)
+class Diagnose:
+    """Say of a finished transfer whether its learned reward is mistaken, or the training on it was not good enough.
+
+    Other behaviours are judged by the same reward: the target's expert, policies that begin as the expert and are
+    trained on the reward, plans, and the policies of other runs. They are only compared, never scored.
+    """
+
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a finished transfer.")]
+    policies: Annotated[
+        tuple[Path, ...],
+        explained(metavar="RUN", help="Other finished runs in the same target, whose policies are judged too."),
+    ] = ()
+
+
+@dataclass(frozen=True)
 class View:
     """Play an episode of a finished run: a web page that needs no network, a strip of frames, and a movie.
 
@@ -294,6 +309,7 @@ COMMANDS = {
     "reproduce": Reproduce,
     "report": Report,
     "evaluate": Evaluate,
+    "diagnose": Diagnose,
     "view": View,
     "bench": Bench,
 }

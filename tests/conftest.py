@@ -10,7 +10,8 @@ from pathlib import Path
 
 # Before any backend starts: with two virtual CPU devices and fewer threads than that, XLA waits for itself for ever.
 os.environ.setdefault("NPROC", "4")
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
+# XLA's older way to compile a fusion takes a third of the time, and compiling is what most tests spend their time on.
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_fusion_emitters=false")
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import jax

@@ -70,8 +70,9 @@ def _print(options: Transfer, results: list[Result]) -> None:
         figure = published.figure(published.TRANSFER, target, result.method) if result.is_published else None
         iterations = " ".join(map(str, result.chosen_iterations))
         learned = " ".join(f"{value:.3g}" for value in result.learned_rewards)
+        share = " ".join(f"{value:.2f}" for value in result.learned_share)
         note = f"rule {result.rule}" + (f", reward of iteration {iterations}" if iterations else "")
-        note += f", learned reward a step {learned}" if learned else ""
+        note += f", learned reward a step {learned}, {share} of the best known" if learned else ""
         name = result.name if len(options.rule) == 1 else f"{result.name}, {result.rule}"
         lines.append(Line(name, np.array(result.returns), figure, result.normalized, note))
     lines.append(Line("random actions", np.array([reference.random]), None, 0.0))

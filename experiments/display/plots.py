@@ -79,6 +79,28 @@ def _mark_level(axis, name: str, height: float) -> None:
     axis.annotate(name, (1, height), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)
 
 
+def plot_diagnosis(path: Path, title: str, behaviours: dict[str, tuple[np.ndarray, np.ndarray]], expert: float) -> None:
+    """Saves two panels with a line for each behaviour and a dot for each seed; the first behaviour stands out.
+
+    Args:
+      behaviours: by name, `[seeds]` learned rewards (0 random actions, 1 the best known) and `[seeds]` true returns.
+      expert: true return of the demonstrator, drawn as a vertical line.
+    """
+    figure, (axes,) = figure_of(1, 2, (4.6, 0.8 + 0.4 * len(behaviours)), title)
+    labels = ("learned reward: 0 random actions, 1 the best known", "true return; the line is the expert's")
+    for panel, (axis, label, level) in enumerate(zip(axes, labels, (1.0, expert), strict=True)):
+        axis.axvline(level, color="black", lw=0.8, ls="--")
+        for line, figures in enumerate(behaviours.values()):
+            color, values = "C0" if line else "C1", figures[panel]
+            axis.plot(values, np.full(len(values), line), "o", color=color, alpha=0.6)
+            axis.plot([np.mean(values)] * 2, [line - 0.3, line + 0.3], color=color, lw=2)
+        axis.set_yticks(range(len(behaviours)), [""] * len(behaviours) if panel else list(behaviours))
+        axis.invert_yaxis()
+        axis.set_xlabel(label)
+        axis.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, dpi=130)
+
+
 def plot_sweep(
     path: Path,
     title: str,

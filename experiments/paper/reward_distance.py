@@ -23,7 +23,7 @@ from eairl_jax.experiments.pipeline import policies
 from eairl_jax.experiments.pipeline.experiment import shipped_demonstrations
 from eairl_jax.experiments.pipeline.policies import Policies
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
-from eairl_jax.experiments.pipeline.stages import learned_rewards
+from eairl_jax.experiments.pipeline.stages import worth
 from eairl_jax.experiments.pipeline.train import CLOSENESS, lane_keys
 from eairl_jax.storage import read_json, write_json
 from eairl_jax.types import Key, PyTree
@@ -173,7 +173,7 @@ def of_transfer(learned: Path, used: Path) -> dict[str, dict[str, list]]:
         measured = {
             place: measures(reward, imitating, there.env, _expert(there.task)) for place, there in tasks.items()
         }
-        kept = learned_rewards(RunFolder(used, retrained.settings)).max(axis=0)
+        kept = worth(RunFolder(used, retrained.settings)).kept
         measured["target"]["worth, retrained"] = kept.tolist()
         write_json(path, measured)
     return read_json(path)

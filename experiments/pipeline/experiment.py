@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import jax
 
-from eairl_jax import Demonstrations, InputError, demonstrations, envs, evaluate, random_policy
+from eairl_jax import Demonstrations, HParams, InputError, demonstrations, envs, evaluate, random_policy
 from eairl_jax.config import Config, choose
 from eairl_jax.discriminator_data import check_segments
 from eairl_jax.envs.mjx_task import MjxTask
@@ -28,6 +28,9 @@ RANDOM_SEED = 20_000
 
 # A method that is trained for longer, on larger batches or by another optimiser is still the paper's method.
 BUDGET = frozenset({"iterations", "snapshot_every", "num_envs", "rollout_length", "optimizer"})
+
+# The fields of a recipe that say which policies are trained on a reward.
+RETRAINING = ("restarts", "trials", "trial_iterations", "wide_trials", "wide_std")
 
 
 class Reference(NamedTuple):
@@ -72,6 +75,7 @@ class Target:
       recipe: how policies are trained on the reward.
       reference: expert's and random actions' true returns in the task.
       variant: names what differs from the task's recipe; empty if nothing does.
+      demos: of the task's expert, to compare policies with. No policy that is scored begins from them.
     """
 
     task: str
@@ -79,6 +83,7 @@ class Target:
     recipe: Recipe
     reference: Reference
     variant: str = ""
+    demos: Demonstrations | None = None
 
     def settings(self) -> dict:
         """What decides how policies are trained here."""
@@ -87,11 +92,7 @@ class Target:
             "retrain_config": dataclasses.asdict(self.recipe.config),
             "retrain_hparams": dataclasses.asdict(self.recipe.hparams),
             "retrain_snapshot_every": self.recipe.snapshot_every,
-            "restarts": self.recipe.restarts,
-            "trials": self.recipe.trials,
-            "trial_iterations": self.recipe.trial_iterations,
-            "wide_trials": self.recipe.wide_trials,
-            "wide_std": self.recipe.wide_std,
+            **{name: getattr(self.recipe, name) for name in RETRAINING},
         }
 
     def for_reward(self, learned: Config) -> Target:
@@ -431,7 +432,27 @@ def make_target(task: str, assignments: tuple[str, ...] = (), restarts: int | No
             "--retrain-set actions: the reward fixes this setting; choose it while the reward is learned, with "
             "--set actions=..."
         )
-    return Target(task, env, training, _reference(task, env, path, demonstrations.load(path, task)))
+    demos = demonstrations.load(path, task)
+    return Target(task, env, training, _reference(task, env, path, demos), demos=demos)
+
+
+def restored_target(settings: dict, path: Path) -> Target:
+    """The target of a finished transfer.
+
+    Args:
+      settings: those in the folder of the transfer.
+      path: that folder, for the error message.
+
+    Raises:
+      InputError: if the settings are not those of a transfer.
+    """
+    if "retrain_config" not in settings:
+        raise InputError(f"{path} is no transfer: give a folder that `eairl transfer` made (transfer-...)")
+    target = make_target(settings["target"])
+    config, hparams = Config.from_json(settings["retrain_config"]), HParams(**settings["retrain_hparams"])
+    training = {name: settings[name] for name in RETRAINING if name in settings}
+    restored = Recipe(config, hparams, settings["retrain_snapshot_every"], **training)
+    return dataclasses.replace(target, recipe=restored)
 
 
 def refuse_other_sizes(source: str, target: str) -> None:

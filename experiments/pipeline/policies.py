@@ -49,7 +49,7 @@ def load(path: Path) -> Policies:
     Raises:
       InputError: if `path` is no run's folder, or the run is not finished.
     """
-    settings = _finished_settings(path)
+    settings = finished_settings(path)
     is_transfer = "retrain_config" in settings
     prefix = "retrain_" if is_transfer else ""
     try:
@@ -72,7 +72,7 @@ def load(path: Path) -> Policies:
     return Policies(task, env, algorithm, state, seeds, settings)
 
 
-def _finished_settings(path: Path) -> dict:
+def finished_settings(path: Path) -> dict:
     """The settings of a finished run that trained policies."""
     if not (path / "config.json").is_file():
         raise InputError(f"{path} is no run's folder: give one that `eairl expert`, imitate or transfer made")

@@ -47,6 +47,8 @@ class Result:
       ceiling: true return of each seed's policy trained on the true reward under the same budget.
       learned_rewards: of a transfer, mean learned reward a step of each seed's kept policy in the target. It says how
         well the training did on the reward that it was given.
+      learned_share: the same on a scale from 0 for random actions to 1 for the best known behaviour, which is one of
+        the seed's policies, the demonstrations of the target, or a plan (`stages.Worth`).
       snapshots, source_returns: of `source_retrain`, the iterations it compared, and `[snapshots, seeds]` true
         returns in the source.
       retrain_settings: how policies were trained in the target.
@@ -77,6 +79,7 @@ class Result:
     chosen_iterations: list[int] = field(default_factory=list)
     ceiling: list[float] = field(default_factory=list)
     learned_rewards: list[float] = field(default_factory=list)
+    learned_share: list[float] = field(default_factory=list)
     snapshots: list[int] = field(default_factory=list)
     source_returns: list[list[float]] = field(default_factory=list)
     retrain_settings: dict[str, Any] | None = None
@@ -192,8 +195,8 @@ def _transfer(experiment: Experiment, use: Use, folder: RunFolder) -> Result:
         reward, facts = stages.choose_reward(folder, learning, experiment, use)
         save_reward(folder.path / "reward", reward)
         scored = stages.score(folder, f"{experiment.name} in {target.task}", target, reward, seeds)
-        returns, learned_rewards = scored.returns, scored.learned_rewards.tolist()
-        facts |= {"env_steps": target.recipe.config.env_steps, "learned_rewards": learned_rewards}
+        returns = scored.returns
+        facts |= {"env_steps": target.recipe.config.env_steps, **_learned(scored.worth)}
     return dataclasses.replace(
         _result(experiment, returns, target.reference),
         target=target.task,
@@ -255,7 +258,7 @@ def reuse(saved_reward: Path, reward: LearnedReward, target: Target, out: Path, 
         rule="as saved",
         seeds=list(seeds),
         returns=scored.returns.tolist(),
-        learned_rewards=scored.learned_rewards.tolist(),
+        **_learned(scored.worth),
         **target.reference._asdict(),
         env_steps=target.recipe.config.env_steps,
         **folder.seconds(),
@@ -289,6 +292,10 @@ def _result(experiment: Experiment, returns: np.ndarray, reference: Reference) -
         is_published=experiment.is_published,
         settings=experiment.learning_settings(),
     )
+
+
+def _learned(worth: stages.Worth) -> dict[str, list[float]]:
+    return {"learned_rewards": worth.kept.tolist(), "learned_share": worth.share.tolist()}
 
 
 def _sum(*seconds: dict[str, float]) -> dict[str, float]:

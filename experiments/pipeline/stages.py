@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,18 +21,20 @@ from eairl_jax import (
     InputError,
     Lanes,
     LearnedReward,
-    Transition,
     evaluate,
     learned_reward,
     load_reward,
     make_bc,
     make_irl,
     make_rl,
+    random_policy,
     reward_function,
     save_reward,
 )
+from eairl_jax.agent import clip_actions
 from eairl_jax.envs.mjx_task import MjxTask
-from eairl_jax.experiments.pipeline.experiment import Experiment, Rule, Target, Use, snapshot_iterations
+from eairl_jax.evaluation import reward_per_step
+from eairl_jax.experiments.pipeline.experiment import RANDOM_SEED, Experiment, Rule, Target, Use, snapshot_iterations
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, settings_digest
 from eairl_jax.experiments.pipeline.train import (
     JUDGE,
@@ -58,8 +61,10 @@ SEARCH = Search()
 """How many plans a retraining tries, and how it clones them."""
 JUDGED_EPISODES = 64
 """Episodes by which the policy is chosen that is worth most to its reward."""
-LEARNED = "learned.json"
-"""The file of a run's folder that holds `learned_rewards`."""
+WORTH, PLANS = "worth.json", "plans.json"
+"""The files that hold the `Worth` of a run's policies, and what the best plans of its trials are worth."""
+RANDOM, EXPERT, BEST_PLAN = "random actions", "expert", "best plan"
+"""Behaviours that policies are compared with."""
 
 
 def make_algorithm(env: MjxTask, config: Config) -> Algorithm:
@@ -356,10 +361,44 @@ def planned(inner: RunFolder, training: Training) -> PyTree:
     state = lanes.init()
     inner.add_seconds(compile_seconds=lanes.compile(state, 1))
     started = time.perf_counter()
-    state, _ = lanes.run(state, 1)
+    state, metrics = lanes.run(state, 1)
     inner.add_seconds(run_seconds=time.perf_counter() - started)
+    write_json(inner.path / PLANS, {"learned_per_step": metrics["score"][:, 0].tolist()})
     # From [rewards, plans, ...] to lanes in the order (plan, reward).
     return jax.tree.map(lambda leaf: np.swapaxes(leaf, 0, 1).reshape(-1, *leaf.shape[2:]), lanes.take(state))
+
+
+class Worth(NamedTuple):
+    """What behaviours are worth to a reward in a task: mean reward a step.
+
+    Attributes:
+      policies: `[restarts, seeds]` of the policies that were trained on the reward, at the end of training.
+      compared: `[seeds]` by name: of uniformly random actions, of the task's demonstrations and, if there are trials,
+        of the best plan. They say how well the training did; no policy begins from the demonstrations.
+    """
+
+    policies: np.ndarray
+    compared: dict[str, np.ndarray]
+
+    @property
+    def kept(self) -> np.ndarray:
+        """`[seeds]` of the policy that is kept for each seed."""
+        return self.policies.max(axis=0)
+
+    @property
+    def share(self) -> np.ndarray:
+        """`[seeds]` of the kept policy, on a scale from 0 for random actions to 1 for the best known behaviour."""
+        return share_of_best(self.kept, self.compared[RANDOM], [self.kept, *self.compared.values()])
+
+
+def share_of_best(reached: np.ndarray, random: np.ndarray, known: Sequence[np.ndarray]) -> np.ndarray:
+    """Rewards `[seeds]` on a scale from 0 for random actions to 1 for the best of the known behaviours.
+
+    Where no behaviour is worth more than random actions, what is worth as much has 1, and everything else 0.
+    """
+    best = np.max(known, axis=0)
+    span = best - random
+    return np.where(span > 1e-9, (reached - random) / np.where(span > 1e-9, span, 1.0), reached >= best)
 
 
 class Score(NamedTuple):
@@ -368,12 +407,12 @@ class Score(NamedTuple):
     Attributes:
       curves: `[seeds, iterations]` true returns while training.
       returns: `[seeds]` true returns at the end.
-      learned_rewards: `[seeds]` mean reward a step, of the reward that the policies were trained on, at the end.
+      worth: what the policies are worth to the reward that they were trained on.
     """
 
     curves: np.ndarray
     returns: np.ndarray
-    learned_rewards: np.ndarray
+    worth: Worth
 
 
 def score(folder: RunFolder, title: str, target: Target, reward: LearnedReward | None, seeds: Sequence[int]) -> Score:
@@ -384,59 +423,89 @@ def score(folder: RunFolder, title: str, target: Target, reward: LearnedReward |
     """
     training = Training(target, reward, [{"seed": seed} for seed in seeds], RETRAIN)
     algorithm, state = retrain(folder, title, training)
-    path = folder.path / LEARNED
-    if not path.exists():
-        write_json(path, {"learned_per_step": final_rewards(training, algorithm, state).tolist()})
+    if not (folder.path / WORTH).exists():
+        _judge(folder, training, algorithm, state)
     kept = best_restarts(folder, target.recipe.restarts, len(seeds))
     returns = final_returns(target.env, algorithm, take_lanes(state, kept), seeds).mean(axis=1)
-    return Score(kept_curves(folder, target, len(seeds)), returns, learned_rewards(folder).max(axis=0))
+    return Score(kept_curves(folder, target, len(seeds)), returns, worth(folder))
 
 
-def final_rewards(training: Training, algorithm: Algorithm, state: PyTree) -> np.ndarray:
-    """Mean reward a step `[restarts, rewards]` of policies `[restarts * rewards]`, of the reward they were trained on.
+def _judge(folder: RunFolder, training: Training, algorithm: Algorithm, state: PyTree) -> None:
+    """Writes what `worth` reads."""
+    target, restarts = training.target, training.target.recipe.restarts
+    policies = final_rewards(training, algorithm, state, training.labels * restarts)
+    compared = {RANDOM: rewards_of(training, random_steps(target.env, JUDGED_EPISODES))}
+    if target.demos is not None:
+        compared[EXPERT] = rewards_of(training, clip_actions(target.demos, target.env, training.config)._asdict())
+    if target.recipe.trials:
+        compared[BEST_PLAN] = np.array(read_json(trials_folder(folder).path / PLANS)["learned_per_step"])
+    content = {
+        "policies": policies.reshape(restarts, -1).tolist(),
+        "compared": {name: values.tolist() for name, values in compared.items()},
+    }
+    write_json(folder.path / WORTH, content)
 
-    Each policy acts for `JUDGED_EPISODES` whole episodes. All policies of one reward begin in the same states and draw
-    the same noise. A step after the end of an episode counts as 0.
+
+def final_rewards(training: Training, algorithm: Algorithm, state: PyTree, labels: list[Lane]) -> np.ndarray:
+    """Mean reward a step `[lanes]` of policies `[lanes, ...]`, of the reward that they were trained on.
+
+    Each policy acts for `JUDGED_EPISODES` whole episodes. All policies of one label begin in the same states and draw
+    the same noise.
     """
-    env, rewards = training.target.env, len(training.labels)
-    restarts = training.target.recipe.restarts
+    env = training.target.env
 
     def lane_reward(state, params, key):
         def act(obs, key):
             return algorithm.act(state, obs, key)
 
         _, steps = evaluate(key, env, act, JUDGED_EPISODES, env.episode_length)
-        before_end = 1.0 - jnp.cumsum(steps["terminated"], axis=1) + steps["terminated"]
-        zeros = jnp.zeros_like(steps["reward"])
-        batch = Transition(**steps, log_prob=zeros, truncated=zeros)
-        return (training.function(params, batch) * before_end).mean()
+        return reward_per_step(lambda batch: training.function(params, batch), steps)
 
-    labels = training.labels * restarts
     keys = lane_keys(JUDGE, *([label[name] for label in labels] for name in labels[0]))
-    lanes = jax.tree.map(jnp.asarray, (state, training.params(restarts)))
-    return np.asarray(jax.jit(jax.vmap(lane_reward))(*lanes, keys)).reshape(restarts, rewards)
+    lanes = jax.tree.map(jnp.asarray, (state, training.params(len(labels) // len(training.labels))))
+    return np.asarray(jax.jit(jax.vmap(lane_reward, axis_size=len(labels)))(*lanes, keys))
 
 
-def learned_rewards(folder: RunFolder) -> np.ndarray:
-    """Mean reward a step `[restarts, seeds]` of every policy at the end (`final_rewards`), as `score` wrote it.
+def rewards_of(training: Training, steps: dict[str, np.ndarray]) -> np.ndarray:
+    """Mean reward a step `[rewards]` of the same episodes `[E, T, ...]`, of each reward."""
+
+    def lane_reward(params):
+        return reward_per_step(lambda batch: training.function(params, batch), steps)
+
+    params = jax.tree.map(jnp.asarray, training.params(1))
+    return np.asarray(jax.jit(jax.vmap(lane_reward, axis_size=len(training.labels)))(params))
+
+
+@functools.cache
+def random_steps(env: MjxTask, episodes: int) -> dict[str, np.ndarray]:
+    """Episodes of uniformly random actions, `[E, T, ...]`; played once a process."""
+    play = jax.jit(lambda key: evaluate(key, env, random_policy(env), episodes, env.episode_length)[1])
+    return jax.tree.map(np.asarray, play(lane_keys(JUDGE, [RANDOM_SEED])[0]))
+
+
+def worth(folder: RunFolder) -> Worth:
+    """What the policies of a folder are worth to the reward that they were trained on, as `score` wrote it.
 
     Raises:
       InputError: if the folder has no such file.
     """
-    path = folder.path / LEARNED
+    path = folder.path / WORTH
     if not path.exists():
         raise InputError(
             f"{path} is missing, which says what the policies are worth to their reward: another version made this "
             "run; repeat the command that made the run, with another --out"
         )
-    return np.array(read_json(path)["learned_per_step"])
+    content = read_json(path)
+    return Worth(
+        np.array(content["policies"]), {name: np.array(values) for name, values in content["compared"].items()}
+    )
 
 
 def best_restarts(folder: RunFolder, restarts: int, seeds: int) -> np.ndarray:
     """Lanes `[seeds]` of the policies that are worth most, at the end, to the reward that they were trained on."""
     if restarts == 1:
         return np.arange(seeds)
-    return learned_rewards(folder).argmax(axis=0) * seeds + np.arange(seeds)
+    return worth(folder).policies.argmax(axis=0) * seeds + np.arange(seeds)
 
 
 def kept_curves(folder: RunFolder, target: Target, seeds: int, metric: str = "true_return") -> np.ndarray:

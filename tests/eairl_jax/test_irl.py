@@ -394,7 +394,8 @@ def test_a_policy_starts_anew_and_its_reward_does_not(built):
 
     moved = [bool((weights(a) != weights(b)).any()) for a, b in itertools.pairwise(states)]
     assert moved == [False, False, True, False, True]  # the rate is 0, so only a fresh one differs
+    # Annealed within each policy's training.
     stds = [float(np.exp(state.agent.policy.log_std_offset)) for state in states]
-    np.testing.assert_allclose(stds, [4.0, 4.0, 1.0, 4.0, 1.0, 4.0], rtol=1e-5)  # annealed within each policy's training
+    np.testing.assert_allclose(stds, [4.0, 4.0, 1.0, 4.0, 1.0, 4.0], rtol=1e-5)
     updates = [int(state.discriminator.adam.count) for state in states]
     assert updates == [2 * i for i in range(6)]

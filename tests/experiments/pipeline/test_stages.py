@@ -18,11 +18,11 @@ from eairl_jax.experiments.pipeline.stages import (
     Training,
     choose_reward,
     describe,
-    learned_rewards,
     retrain,
     score,
     snapshot_path,
     untrained,
+    worth,
 )
 from eairl_jax.experiments.pipeline.train import RETRAIN
 from eairl_jax.experiments.settings import Recipe
@@ -44,7 +44,7 @@ def test_the_restart_that_its_own_reward_rates_best_is_kept(tmp_path):
     metrics(folder, labels, policy_reward=[[9, 1], [2, 8], [9, 9]], true_return=[[9, 1], [2, 8], [9, 9]])
     with pytest.raises(InputError, match="repeat the command"):
         stages.best_restarts(folder, 3, 2)
-    write_json(tmp_path / stages.LEARNED, {"learned_per_step": [[1, 6], [3, 5], [2, 4]]})
+    write_json(tmp_path / stages.WORTH, {"policies": [[1, 6], [3, 5], [2, 4]], "compared": {}})
     kept = stages.best_restarts(folder, 3, 2)
     assert [labels[lane] for lane in kept] == [{"restart": 1, "seed": 0}, {"restart": 0, "seed": 1}]
     np.testing.assert_array_equal(stages.best_restarts(folder, 1, 3), [0, 1, 2])
@@ -128,7 +128,8 @@ def test_policies_are_trained_with_the_actions_that_the_reward_knows(monkeypatch
 def test_another_reward_at_the_same_place_is_another_run(tmp_path, monkeypatch, learned):
     experiment, _learning = learned
     target = make_target("point_maze_left")
-    monkeypatch.setattr(stages, "score", lambda *_: Score(np.zeros((2, 4)), np.zeros(2), np.zeros(2)))
+    worthless = stages.Worth(np.zeros((1, 2)), {stages.RANDOM: np.zeros(2)})
+    monkeypatch.setattr(stages, "score", lambda *_: Score(np.zeros((2, 4)), np.zeros(2), worthless))
     monkeypatch.setattr(stages, "ceiling", lambda *_: [1.0, 1.0])
     reward = describe(experiment, untrained(experiment), [0, 0])
     path = tmp_path / "run" / "reward"
@@ -205,11 +206,11 @@ def test_what_pays_most_is_reached_though_it_is_far_and_the_true_reward_is_unkno
     scored = score(folder, "point", target, reward, SEEDS)
     assert np.isnan(scored.returns).all()
     assert scored.curves.shape == (2, 6)
-    learned = learned_rewards(folder)
+    learned = worth(folder).policies
     assert learned.shape == (2, 2)
     # A policy that goes to -0.6, which is nearer, is paid at most 0.41.
-    assert (scored.learned_rewards > 0.45).all()
-    np.testing.assert_array_equal(scored.learned_rewards, learned.max(axis=0))
+    assert (scored.worth.kept > 0.45).all()
+    np.testing.assert_array_equal(scored.worth.kept, learned.max(axis=0))
     np.testing.assert_array_equal(learned.ravel()[stages.best_restarts(folder, 2, 2)], learned.max(axis=0))
     # Of the four trials the wide one went on, and of the others the one of the highest reward.
     inner = stages.trials_folder(folder)

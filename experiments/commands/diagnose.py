@@ -1,0 +1,53 @@
+"""`eairl diagnose`: is the learned reward of a transfer mistaken, or was the training on it not good enough?"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from rich.table import Table
+
+from eairl_jax.experiments.display.console import console, mean_and_std, say
+from eairl_jax.experiments.display.plots import plot_diagnosis
+from eairl_jax.experiments.options import Diagnose
+from eairl_jax.experiments.pipeline import policies
+from eairl_jax.experiments.pipeline.diagnosis import FILE, FOUND, Diagnosis, diagnose
+from eairl_jax.experiments.pipeline.experiment import restored_target
+
+
+def run(options: Diagnose, command_line: str) -> None:
+    """Prints a line for each behaviour and the verdict on each seed, and draws them."""
+    del command_line
+    path = options.run_folder
+    settings = policies.finished_settings(path)
+    diagnosis = diagnose(path, restored_target(settings, path), options.policies)
+    _print(path.name, settings["seeds"], diagnosis)
+    drawn = {name: (diagnosis.share_of(name), each.true) for name, each in diagnosis.behaviours.items()}
+    plot_diagnosis(path / "diagnosis.png", path.name, drawn, diagnosis.reference.expert)
+    say(f"every figure: {path / FILE}; as a picture: {path / 'diagnosis.png'}")
+
+
+def _print(title: str, seeds: list[int], diagnosis: Diagnosis) -> None:
+    table = Table(title=title, title_justify="left")
+    table.add_column("behaviour", overflow="fold")
+    for name in ("share of best", "learned, a step", "true return"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for name, behaviour in diagnosis.behaviours.items():
+        share = diagnosis.share_of(name)
+        cells = (f"{share.mean():.2f} ({share.min():.2f})", *(_cell(values) for values in behaviour))
+        table.add_row(name, *cells)
+    console.print(table)
+    say("mean ± standard deviation over seeds; share of best: 0 random actions, 1 the best known, in brackets the")
+    say("lowest seed. `trained on the reward` is the policy that was scored; the others are here to compare with")
+    for seed, share, verdict in zip(seeds, diagnosis.share, diagnosis.verdicts, strict=True):
+        say(f"seed {seed}: {share:.3f} of the best known learned reward: {verdict}")
+    counts = Counter(diagnosis.verdicts)
+    console.print(
+        ", ".join(f"{verdict}: {count}" for verdict, count in counts.items())
+        + f" (not optimised: below {FOUND:g}; mistaken: the best known was found, and something better is worth less)",
+        soft_wrap=True,
+    )
+
+
+def _cell(values: np.ndarray) -> str:
+    return mean_and_std(float(values.mean()), float(values.std()))

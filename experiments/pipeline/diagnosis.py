@@ -1,0 +1,245 @@
+"""Is a learned reward mistaken, or was the training on it not good enough?
+
+A policy that was trained on a learned reward may have a low true return for two reasons. The reward pays more for
+something else than for the task: the reward is mistaken. Or the training has not found what the reward pays most for:
+it was not optimised. To tell the two apart, other behaviours are judged by the same reward. Policies that begin as the
+target's expert are trained on the reward; they show what the reward asks for near the expert. They serve the diagnosis
+alone, and are never scored.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from eairl_jax import Algorithm, InputError, evaluate, load_reward, plans
+from eairl_jax.agent import clip_actions
+from eairl_jax.experiments.pipeline import policies
+from eairl_jax.experiments.pipeline.experiment import Reference, Target
+from eairl_jax.experiments.pipeline.policies import Policies
+from eairl_jax.experiments.pipeline.run_folder import RunFolder
+from eairl_jax.experiments.pipeline.stages import (
+    EXPERT,
+    JUDGED_EPISODES,
+    RANDOM,
+    Training,
+    final_rewards,
+    random_steps,
+    rewards_of,
+    share_of_best,
+    worth,
+)
+from eairl_jax.experiments.pipeline.train import DIAGNOSE, JUDGE, Start, final_returns, lane_keys, take_lanes, train
+from eairl_jax.plans import Search
+from eairl_jax.policy_optimizers import make_optimizer
+from eairl_jax.storage import read_json, write_json
+from eairl_jax.types import PyTree
+
+FOUND = 0.98
+"""A training has found what a reward pays for if it reaches this share of the best known behaviour's reward."""
+BETTER = 0.05
+"""A behaviour is better if its true return is higher by this share of the way from random actions to the expert."""
+TRAINED, FROM_EXPERT = "trained on the reward", "trained on, from the expert"
+"""The policies that were scored, and policies that began as the target's expert."""
+EXPERT_CLONE = Search(updates=2000)
+"""How the expert is cloned."""
+FILE = "diagnosis.json"
+VERDICTS = ("agrees", "mistaken", "not optimised")
+
+
+class Behaviour(NamedTuple):
+    """What a behaviour is worth, `[seeds]` each.
+
+    Attributes:
+      learned: mean reward a step by each seed's learned reward.
+      true: true returns.
+    """
+
+    learned: np.ndarray
+    true: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Diagnosis:
+    """Behaviours in the target, judged by the learned and by the true reward.
+
+    Attributes:
+      behaviours: by name; at least `TRAINED`, `RANDOM` and `EXPERT`.
+      reference: expert's and random actions' true returns.
+    """
+
+    behaviours: dict[str, Behaviour]
+    reference: Reference
+
+    @property
+    def share(self) -> np.ndarray:
+        """`[seeds]` learned reward of the trained policy: 0 random actions, 1 the best known behaviour."""
+        return self.share_of(TRAINED)
+
+    def share_of(self, name: str) -> np.ndarray:
+        """`[seeds]` learned reward of a behaviour: 0 random actions, 1 the best known behaviour."""
+        known = [behaviour.learned for behaviour in self.behaviours.values()]
+        return share_of_best(self.behaviours[name].learned, self.behaviours[RANDOM].learned, known)
+
+    @property
+    def verdicts(self) -> list[str]:
+        """One of `VERDICTS` for each seed.
+
+        "not optimised": another behaviour is worth clearly more to the reward than the trained policy. "mistaken": the
+        training found the best known, and a behaviour of a higher true return is worth less. "agrees": else.
+        """
+        margin = BETTER * (self.reference.expert - self.reference.random)
+        best_true = np.max([behaviour.true for behaviour in self.behaviours.values()], axis=0)
+        is_worse = best_true > self.behaviours[TRAINED].true + margin
+        return [
+            "not optimised" if share < FOUND else "mistaken" if worse else "agrees"
+            for share, worse in zip(self.share, is_worse, strict=True)
+        ]
+
+    def to_json(self) -> dict:
+        """All figures, and what follows from them."""
+        behaviours = {
+            name: {"learned": behaviour.learned.tolist(), "true": behaviour.true.tolist()}
+            for name, behaviour in self.behaviours.items()
+        }
+        derived = {"share": self.share.tolist(), "verdicts": self.verdicts}
+        return {"behaviours": behaviours, **self.reference._asdict(), **derived}
+
+    @classmethod
+    def from_json(cls, content: dict) -> Diagnosis:
+        """Reads what `to_json` gave."""
+        behaviours = {
+            name: Behaviour(np.array(each["learned"]), np.array(each["true"]))
+            for name, each in content["behaviours"].items()
+        }
+        return cls(behaviours, Reference(content["expert"], content["random"]))
+
+
+def diagnose(path: Path, target: Target, others: Sequence[Path] = ()) -> Diagnosis:
+    """Judges behaviours by the rewards of a finished transfer, and writes `FILE` into its folder.
+
+    Args:
+      path: the folder of the transfer.
+      target: where and how its policies were trained.
+      others: folders of other finished runs in the same target, whose policies are judged too.
+
+    Raises:
+      InputError: if a folder holds no finished transfer, or if the target has no demonstrations.
+    """
+    if not (path / "reward").is_dir():
+        raise InputError(f"{path} holds no reward/: give the folder of a finished `eairl transfer`")
+    if target.demos is None:
+        raise InputError(f"{target.task} has no demonstrations to compare with: put some into the package's data/")
+    trained, reward = policies.load(path), load_reward(path / "reward")
+    labels = [{"seed": seed} for seed in trained.seeds]
+    training = Training(target, reward, labels, DIAGNOSE)
+    expert = clip_actions(target.demos, target.env, training.config)
+    scored = read_json(path / "summary.json")["returns"]
+    random = random_steps(target.env, JUDGED_EPISODES)
+    behaviours = {
+        TRAINED: Behaviour(worth(RunFolder(path, trained.settings)).kept, np.array(scored)),
+        FROM_EXPERT: _from_expert(RunFolder(path / "from_expert", {"part": "from the expert"}), training),
+        EXPERT: _of_steps(training, expert._asdict(), target.reference.expert),
+        "best plan": _best_plan(training),
+        **{f"policies of {other.name}": _of_policies(training, policies.load(other)) for other in others},
+        RANDOM: _of_steps(training, random, target.reference.random),
+    }
+    diagnosis = Diagnosis(behaviours, target.reference)
+    write_json(path / FILE, diagnosis.to_json())
+    return diagnosis
+
+
+def _of_steps(training: Training, steps: dict[str, np.ndarray], true: float) -> Behaviour:
+    """The same episodes by every reward; `true` is their true return."""
+    return Behaviour(rewards_of(training, steps), np.full(len(training.labels), true))
+
+
+def _from_expert(folder: RunFolder, training: Training) -> Behaviour:
+    """Policies that begin as clones of the target's expert, one for each reward, trained on for a whole training."""
+    target = training.target
+    recipe = dataclasses.replace(target.recipe, restarts=1, trials=0, trial_iterations=0, wide_trials=0)
+    alone = dataclasses.replace(training, target=dataclasses.replace(target, recipe=recipe))
+    algorithm, labels = alone.algorithm, training.labels
+    lanes = alone.lanes(algorithm, DIAGNOSE, labels)
+    start = Start(0, lambda: _clones(alone, lanes.take(lanes.init())))
+    title = f"diagnosis: training from the expert in {target.task}"
+    state = train(folder, title, lanes, recipe, labels, start=start)
+    learned = final_rewards(alone, algorithm, state, labels)
+    seeds = [label["seed"] for label in labels]
+    return Behaviour(learned, final_returns(target.env, algorithm, state, seeds).mean(axis=1))
+
+
+def _clones(training: Training, fresh: PyTree) -> PyTree:
+    """The states `[seeds, ...]` with policies that act as the target's demonstrations; only their means differ."""
+    target, config = training.target, training.config
+    assert target.demos is not None
+    optimizer = make_optimizer(target.env, config)
+    demos = clip_actions(target.demos, target.env, config)
+    samples = jnp.asarray(demos.obs), jnp.asarray(demos.action), jnp.ones(demos.reward.shape)
+
+    @jax.jit
+    @jax.vmap
+    def clone(key, state):
+        cloned = plans.fit(key, optimizer, state.agent, samples, EXPERT_CLONE)
+        return dataclasses.replace(state, agent=cloned)
+
+    keys = lane_keys(DIAGNOSE, [label["seed"] for label in training.labels], [1] * len(training.labels))
+    return jax.tree.map(np.asarray, clone(keys, jax.tree.map(jnp.asarray, fresh)))
+
+
+def _best_plan(training: Training) -> Behaviour:
+    """For each reward the plan that it pays most for, of the same random plans."""
+    env, count = training.target.env, JUDGED_EPISODES * 16
+
+    @jax.jit
+    def judge(key, params):
+        draw_key, simulate_key = jax.random.split(key)
+        drawn = plans.draw(draw_key, count, env.episode_length, env.action_size, env.action_limit)
+        raw = plans.simulate(simulate_key, env, drawn)
+        true = (raw.reward * (1.0 - raw.truncated)).sum(axis=0)
+        paid = jax.vmap(lambda each: plans.scores(lambda batch: training.function(each, batch), raw))(params)
+        return paid.max(axis=1), true[paid.argmax(axis=1)]
+
+    params = jax.tree.map(jnp.asarray, training.params(1))
+    return Behaviour(*map(np.asarray, judge(lane_keys(JUDGE, [DIAGNOSE])[0], params)))
+
+
+def _of_policies(training: Training, others: Policies) -> Behaviour:
+    """For each reward the policy of another run that is worth most to it.
+
+    Raises:
+      InputError: if the run's policies act in another task.
+    """
+    env = training.target.env
+    if others.task != training.target.task:
+        raise InputError(
+            f"the policies act in {others.task}, not in {training.target.task}: give runs of the same target"
+        )
+    steps, returns = _episodes(others.algorithm, others.state, others.seeds, env)
+    learned = np.stack(
+        [rewards_of(training, jax.tree.map(lambda leaf, i=lane: leaf[i], steps)) for lane in range(len(others.seeds))]
+    )
+    best = learned.argmax(axis=0)
+    return Behaviour(learned.max(axis=0), returns[best])
+
+
+def _episodes(algorithm: Algorithm, state: PyTree, seeds: Sequence[int], env) -> tuple[dict, np.ndarray]:
+    """Episodes `[lanes, E, T, ...]` of every policy, and their mean true returns `[lanes]`."""
+
+    @jax.jit
+    @jax.vmap
+    def play(key, state):
+        def act(obs, key):
+            return algorithm.act(state, obs, key)
+
+        returns, steps = evaluate(key, env, act, JUDGED_EPISODES, env.episode_length)
+        return steps, returns.mean()
+
+    lanes = jax.tree.map(jnp.asarray, take_lanes(state, np.arange(len(seeds))))
+    return jax.tree.map(np.asarray, play(lane_keys(JUDGE, seeds), lanes))

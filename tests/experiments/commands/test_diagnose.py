@@ -1,0 +1,45 @@
+"""`eairl diagnose`: behaviours in the target, judged by the learned and by the true reward."""
+
+import json
+
+import numpy as np
+import pytest
+
+from eairl_jax.experiments.pipeline import diagnosis
+
+
+@pytest.fixture
+def transferred(tmp_path, tiny, run, rl_settings):
+    """The folder of a tiny transfer of two seeds in the pendulum."""
+    settings = ["--set", *tiny, "--retrain-set", *rl_settings, "trials=2", "trial_iterations=1", "wide_trials=1"]
+    arguments = ["transfer", "pendulum", "pendulum", "--seeds", 2, "--rule", "last", "--restarts", 2]
+    assert run(*arguments, "--out", tmp_path, *settings) == 0
+    (folder,) = tmp_path.glob("transfer-*")
+    return folder
+
+
+def test_a_transfer_is_judged_beside_other_behaviours(transferred, run, table, capsys, monkeypatch):
+    monkeypatch.setattr(diagnosis, "JUDGED_EPISODES", 2)
+    monkeypatch.setattr(diagnosis, "EXPERT_CLONE", diagnosis.Search(updates=5, batch=8))
+    capsys.readouterr()
+    assert run("diagnose", transferred, "--policies", transferred) == 0
+    printed = table(capsys)
+    assert "not optimised: below 0.98" in printed
+    content = json.loads((transferred / "diagnosis.json").read_text())
+    summary = json.loads((transferred / "summary.json").read_text())
+    behaviours = content["behaviours"]
+    assert behaviours["trained on the reward"] == {"learned": summary["learned_rewards"], "true": summary["returns"]}
+    for name, behaviour in behaviours.items():
+        assert np.isfinite(behaviour["learned"] + behaviour["true"]).all(), name
+        assert len(behaviour["learned"]) == len(behaviour["true"]) == 2, name
+    # The same policies as another run act in the same episodes, and each reward takes the better of the two.
+    own, other = (behaviours[name] for name in ("trained on the reward", f"policies of {transferred.name}"))
+    assert (np.array(other["learned"]) >= np.array(own["learned"]) - 1e-5).all()
+    assert max(other["learned"]) > min(behaviours["random actions"]["learned"])
+    assert (transferred / "diagnosis.png").stat().st_size > 10_000
+    assert max(content["share"]) <= 1.0
+
+
+def test_what_is_no_transfer_is_refused(finished, run, capsys):
+    assert run("diagnose", finished) == 2
+    assert "is no transfer" in capsys.readouterr().err
