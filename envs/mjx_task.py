@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import io
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -162,6 +163,10 @@ class MjxTask(Env):
                 f"action has shape {jnp.shape(action)}: expected ({self.action_size},), one number for each motor; "
                 "step a batch of environments with jax.vmap(env.step)"
             )
+        return self._advance(state, action)
+
+    @functools.partial(jax.jit, static_argnums=0)  # so that JAX traces the physics once, for all programs of a process
+    def _advance(self, state: State, action: jax.Array) -> State:
         action = jnp.clip(action, -self.action_limit, self.action_limit)
         before = cast(Physics, state.pipeline_state)
         # A scan, not an unrolled loop: XLA compiles the physics once instead of frame_skip times.
