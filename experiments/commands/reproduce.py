@@ -17,7 +17,7 @@ from eairl_jax.experiments.pipeline import stages
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations, transfers
 from eairl_jax.experiments.pipeline.run import Result, learning_folder
 from eairl_jax.experiments.pipeline.run import run as run_experiment
-from eairl_jax.experiments.pipeline.run_folder import RunFolder, machine, settings_digest
+from eairl_jax.experiments.pipeline.run_folder import RunFolder, settings_digest
 from eairl_jax.experiments.pipeline.train import RUNS
 
 CURVE_POINTS = 50
@@ -131,7 +131,7 @@ def train(experiment: Experiment, out: Path, command_line: str) -> Result:
     """Runs an experiment, or goes on with it; returns its result with a curve, distances and the machine."""
     path, seeds = out / experiment.folder_name(), len(experiment.seeds)
     result = run_experiment(experiment, path, command_line)
-    result = dataclasses.replace(result, command_line=command_line, machine=machine())
+    result = dataclasses.replace(result, command_line=command_line)
     folder, use = RunFolder(path, experiment.settings()), experiment.use
     if use is None:
         returns = folder.curve("true_return", seeds)

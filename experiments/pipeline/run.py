@@ -17,7 +17,7 @@ from eairl_jax import InputError, LearnedReward, load_reward, save_reward, stora
 from eairl_jax.experiments.display.plots import Curve, plot, plot_sweep
 from eairl_jax.experiments.pipeline import stages
 from eairl_jax.experiments.pipeline.experiment import Experiment, Reference, Target, Use
-from eairl_jax.experiments.pipeline.run_folder import RunFolder, peak_memory_gb, settings_digest
+from eairl_jax.experiments.pipeline.run_folder import RunFolder, machine, peak_memory_gb, settings_digest
 from eairl_jax.experiments.pipeline.train import final_returns
 from eairl_jax.methods import with_method_defaults
 
@@ -157,7 +157,7 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
     content = folder.summary()
     if content is None:
         result = _transfer(experiment, experiment.use, folder) if experiment.use else _imitate(experiment, folder)
-        result = dataclasses.replace(result, command_line=command_line)
+        result = dataclasses.replace(result, command_line=command_line, machine=machine())
         folder.write_summary(result.to_json())
     else:
         result = Result.from_json(content, f"{folder.path}/summary.json")
@@ -249,6 +249,7 @@ def reuse(saved_reward: Path, reward: LearnedReward, target: Target, out: Path, 
     if content is not None:
         return Result.from_json(content, f"{folder.path}/summary.json")
     name = f"{reward.config.method}-{with_method_defaults(reward.config).reward_form}"
+    save_reward(folder.path / "reward", reward)
     scored = stages.score(folder, f"{name} in {target.task}", target, reward, seeds)
     result = Result(
         name=name,

@@ -61,7 +61,9 @@ def test_a_task_is_a_brax_environment_that_never_ends(traced):
     assert (state.reward, state.done) == (0.0, 0.0)
     # The `done` that comes out is the `done` that went in: no equation changes it.
     place = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(after)].index(".done")
-    assert traced.equations.outvars[place] is traced.equations.invars[place]
+    (step,) = traced.equations.eqns
+    inner = step.params["jaxpr"].jaxpr
+    assert inner.outvars[place] is inner.invars[place]
     np.testing.assert_allclose(env.dt, DT.get(type(env), 0.05))
 
 

@@ -27,6 +27,8 @@ TINY = (
 )
 # Those of `TINY` that reinforcement learning has too.
 RL_SETTINGS = tuple(a for a in TINY if not a.startswith(("history", "discriminator", "empowerment", "hidden")))
+# The same for retraining, without trials, which would be compiled too.
+RETRAIN_SETTINGS = (*RL_SETTINGS, "trials=0")
 SEARCH = Search(plans=32, repeats=2, updates=10, batch=16)
 SIZES = {
     "eairl_jax.experiments.pipeline.stages.SEARCH": SEARCH,
@@ -47,8 +49,14 @@ def tiny(monkeypatch):
 
 @pytest.fixture
 def rl_settings():
-    """Those of `tiny` that retraining has too."""
+    """Those of `tiny` that reinforcement learning has too."""
     return list(RL_SETTINGS)
+
+
+@pytest.fixture
+def retrain_settings():
+    """Those of `tiny` that retraining has too, without trials."""
+    return list(RETRAIN_SETTINGS)
 
 
 def run_tiny(folder, command, settings):

@@ -9,12 +9,11 @@ from eairl_jax.experiments.pipeline import diagnosis
 
 
 @pytest.fixture
-def transferred(tmp_path, tiny, run, rl_settings):
-    """The folder of a tiny transfer of two seeds in the pendulum."""
-    settings = ["--set", *tiny, "--retrain-set", *rl_settings, "trials=2", "trial_iterations=1", "wide_trials=1"]
-    arguments = ["transfer", "pendulum", "pendulum", "--seeds", 2, "--rule", "last", "--restarts", 2]
-    assert run(*arguments, "--out", tmp_path, *settings) == 0
-    (folder,) = tmp_path.glob("transfer-*")
+def transferred(finished, tiny, tmp_path, run, retrain_settings):
+    """The folder of a tiny use of a saved reward of two seeds, in the task where it was learned."""
+    arguments = ["transfer", "pendulum", "pendulum", "--reward", finished / "reward", "--restarts", 1]
+    assert run(*arguments, "--out", tmp_path / "used", "--retrain-set", *retrain_settings) == 0
+    (folder,) = (tmp_path / "used").glob("reuse-*")
     return folder
 
 

@@ -8,9 +8,9 @@ import pytest
 from eairl_jax import METHODS, load_reward
 
 
-def test_transfer_scores_a_chosen_reward(tmp_path, tiny, capsys, run, rl_settings):
+def test_transfer_scores_a_chosen_reward(tmp_path, tiny, capsys, run, retrain_settings):
     arguments = ["transfer", "point_maze_left", "point_maze_right", "--reward-form", "separable", "--seeds", 2]
-    settings = ["--set", *tiny, "--retrain-set", *rl_settings]
+    settings = ["--set", *tiny, "--retrain-set", *retrain_settings]
     assert run(*arguments, "--rule", "last", "--out", tmp_path / "run", *settings) == 0
     (folder,), (learned,) = ((tmp_path / "run").glob(f"{name}-*") for name in ("transfer", "learn"))
     summary = json.loads((folder / "summary.json").read_text())
@@ -34,16 +34,16 @@ def test_transfer_scores_a_chosen_reward(tmp_path, tiny, capsys, run, rl_setting
     assert run("transfer", "point_maze_right", "point_maze_left", "--reward", folder / "reward") == 2
     assert "was learned in point_maze_left, not in point_maze_right" in capsys.readouterr().err
     again = ["transfer", "point_maze_left", "point_maze_right", "--reward", folder / "reward"]
-    assert run(*again, "--out", tmp_path / "again", "--retrain-set", *rl_settings) == 0
+    assert run(*again, "--out", tmp_path / "again", "--retrain-set", *retrain_settings) == 0
     (folder,) = (tmp_path / "again").glob("reuse-*")
     reused = json.loads((folder / "summary.json").read_text())
     assert reused["returns"] == summary["returns"]
 
 
 @pytest.mark.slow
-def test_every_method_moves_its_reward_to_the_crippled_ant(tmp_path, tiny, run, rl_settings):
+def test_every_method_moves_its_reward_to_the_crippled_ant(tmp_path, tiny, run, retrain_settings):
     arguments = ["transfer", "ant", "crippled_ant", "--method", *METHODS, "--seeds", 1, "--restarts", 1]
-    settings = ["--set", *tiny, "rollout_length=500", "--retrain-set", *rl_settings]
+    settings = ["--set", *tiny, "rollout_length=500", "--retrain-set", *retrain_settings]
     assert run(*arguments, "--rule", "last", "--out", tmp_path, *settings) == 0
     folders = list(tmp_path.glob("transfer-ant-to-crippled_ant-*"))
     assert len(folders) == len(METHODS)
