@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from eairl_jax.experiments.options import Imitate, Reproduce, Transfer
 from eairl_jax.experiments.paper import figures, plan, published, results, reward_distance
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, FIGURES, FIRST_SEED, Planned, retrain_variant
 from eairl_jax.experiments.pipeline import stages
+from eairl_jax.experiments.pipeline.diagnosis import diagnose
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations, transfers
 from eairl_jax.experiments.pipeline.run import Result, learning_folder
 from eairl_jax.experiments.pipeline.run import run as run_experiment
@@ -37,8 +39,12 @@ def run(options: Reproduce, command_line: str) -> None:
     }
     for table, planned_all in planned_of.items():
         refuse_other_results(folder / f"{table}.json", {p.identity: experiments[p] for p in planned_all})
+    finished: list[tuple[str, Experiment, Result]] = []
     for table, planned in plan.cheapest_first(planned_of):
         result = train(experiments[planned], out, command_line)
+        results.add(folder / f"{table}.json", result)
+        finished.append((table, experiments[planned], result))
+    for table, result in diagnosed(finished, out):
         results.add(folder / f"{table}.json", result)
     for table in planned_of:
         show(table, results.load(folder / f"{table}.json"), options.task)
@@ -143,6 +149,21 @@ def train(experiment: Experiment, out: Path, command_line: str) -> Result:
         result = dataclasses.replace(result, closeness=distances)
     returns = stages.kept_curves(folder, use.target, seeds)
     return dataclasses.replace(result, curve=thinned(returns, use.target.recipe.config.steps_per_iteration))
+
+
+def diagnosed(finished: list[tuple[str, Experiment, Result]], out: Path) -> Iterator[tuple[str, Result]]:
+    """The transfers by the last iteration's reward with their diagnosis, each with the table that it belongs to.
+
+    Each reward judges the policies of all these transfers to the same target too. So the diagnosis comes last.
+    """
+    used = {
+        out / experiment.folder_name(): (table, experiment.use.target, result)
+        for table, experiment, result in finished
+        if experiment.use and experiment.use.rule.kind == "last" and experiment.use.target.task != result.task
+    }
+    for path, (table, target, result) in used.items():
+        others = [other for other, (_, there, _) in used.items() if there.task == target.task and other != path]
+        yield table, dataclasses.replace(result, diagnosis=diagnose(path, target, others).to_json())
 
 
 def thinned(curves: np.ndarray, steps_per_iteration: int) -> dict[str, list]:

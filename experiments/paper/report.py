@@ -83,6 +83,7 @@ def _scores(results_of: dict[str, list[Result]]) -> dict:
         "panels": panels,
         "overview": report_figures.overview(panels),
         "tables": [table for group in all_tables for table in group],
+        "diagnoses": tables.diagnoses(results_of["table1"]),
         "ablations": report_figures.ablations(results_of),
     }
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from eairl_jax.experiments.display.console import mean_and_std
 from eairl_jax.experiments.paper import published, results
+from eairl_jax.experiments.pipeline.diagnosis import FROM_EXPERT, TRAINED, VERDICTS, Diagnosis
 from eairl_jax.experiments.pipeline.experiment import Reference
 from eairl_jax.experiments.pipeline.run import Result
 
@@ -20,6 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / "README.md", ROOT / "docs" / "results.md")
 RULES = ("last", "source_retrain", "policy")
 """The rules that have a column in the table of a transfer."""
+FAULT = "the reward, by diagnosis"
+"""The column that says of how many seeds the reward of the last iteration is mistaken."""
 HOME = "back in the source"
 """The column of rewards that are used in the task where they were learned."""
 IMITATING = "imitating, in the source"
@@ -115,13 +119,19 @@ def _transfer_table(transfer: list[Result], experiment: list[Result], figures: p
     first = transfer[0]
     by_column = {(result.name, result.rule): result for result in transfer}
     by_column |= {(result.name, HOME): result for result in experiment if result.task == result.target == first.task}
-    columns = [column for column in (*RULES, HOME) if any(column == other for _, other in by_column)]
+    by_column |= {(result.name, FAULT): result for result in transfer if result.rule == "last"}
+    columns = [column for column in ("last", FAULT, *RULES[1:], HOME) if any(column == each for _, each in by_column)]
     expert = ("expert", [_expert(first, figures)])
     best = ("ceiling", [Cell(_mean_and_std(first.ceiling), ceiling(first))])
     lines = [expert, best]
     for name in results.names_in_order(result for result in transfer if result.rule in RULES):
         # The paper's rewards are those of the last iteration.
-        cells = [cell(by_column.get((name, column)), figures if column == "last" else {}) for column in columns]
+        cells = [
+            Cell(fault(by_column.get((name, column))))
+            if column == FAULT
+            else cell(by_column.get((name, column)), figures if column == "last" else {})
+            for column in columns
+        ]
         imitating = next(result for result in transfer if result.name == name).imitation_returns
         lines.append((results.title(name), [*cells, Cell(_mean_and_std(imitating))]))
     picked = picked_in_the_target(transfer)
@@ -130,6 +140,17 @@ def _transfer_table(transfer: list[Result], experiment: list[Result], figures: p
     lines += [("random reward", [cell(result, {})]) for result in transfer if result.rule == "random"]
     random = ("random actions", [_random_actions(first)])
     return Table(results.pair(first), [*columns, IMITATING], [*lines, random])
+
+
+def fault(result: Result | None) -> str:
+    """What the diagnosis says of the seeds' rewards, for example "4 agree, 1 mistaken"."""
+    if result is None:
+        return ""
+    if result.diagnosis is None:
+        return "not diagnosed"
+    counts = Counter(Diagnosis.from_json(result.diagnosis).verdicts)
+    words = {"agrees": "agree" if counts["agrees"] > 1 else "agrees"}
+    return ", ".join(f"{counts[verdict]} {words.get(verdict, verdict)}" for verdict in VERDICTS if counts[verdict])
 
 
 def _expert(result: Result, figures: published.Table) -> Cell:
@@ -191,21 +212,53 @@ def compact(experiment: list[Result], figures: published.Table) -> Table:
     return Table("reward of", columns, lines)
 
 
+def diagnoses(experiment: list[Result]) -> list[Table]:
+    """For each pair of tasks what each reward pays for: learned rewards, on a scale from 0 to 1, and true returns."""
+    judged = [result for result in experiment if result.diagnosis]
+    return [_diagnosis_table(group) for group in results.by_task(judged).values()]
+
+
+DIAGNOSIS_COLUMNS = (
+    "trained on the reward",
+    "share of the best known",
+    "lowest seed",
+    "trained on, from the expert",
+    FAULT,
+)
+
+
+def _diagnosis_table(group: list[Result]) -> Table:
+    lines = []
+    for result in results.in_order(group):
+        diagnosis = Diagnosis.from_json(result.diagnosis or {})
+        trained, from_expert = (diagnosis.behaviours[name].true.tolist() for name in (TRAINED, FROM_EXPERT))
+        share = f"{diagnosis.share.mean():.3f}", f"{diagnosis.share.min():.3f}"
+        texts = (_mean_and_std(trained), *share, _mean_and_std(from_expert), fault(result))
+        lines.append((results.title(result.name), [Cell(text) for text in texts]))
+    return Table(results.pair(group[0]), list(DIAGNOSIS_COLUMNS), lines)
+
+
 def updated(text: str, folder: Path = results.FOLDER) -> str:
     """The text with new tables between `<!-- NAME -->` and `<!-- end -->`.
 
-    NAME is a key of `published.TABLES`, or "transfer" for the compact table of all transfers.
+    NAME is a key of `published.TABLES`, "transfer" for the compact table of all transfers, or "diagnosis".
     """
 
     def block(match: re.Match) -> str:
         name = match[1]
-        experiment = "table1" if name == "transfer" else name
+        experiment = name if name in published.TABLES else "table1"
         loaded, figures = results.load(folder / f"{experiment}.json"), published.TABLES[experiment]
-        shown = [compact(loaded, figures)] if name == "transfer" else tables(loaded, figures)
+        if name == "diagnosis":
+            shown = diagnoses(loaded)
+        else:
+            shown = [compact(loaded, figures)] if name == "transfer" else tables(loaded, figures)
         return "\n".join([f"<!-- {name} -->", "\n\n".join(map(markdown, shown)), "<!-- end -->"])
 
     return re.sub(
-        rf"<!-- ({'|'.join(('transfer', *published.TABLES))}) -->\n.*?<!-- end -->", block, text, flags=re.DOTALL
+        rf"<!-- ({'|'.join(('transfer', 'diagnosis', *published.TABLES))}) -->\n.*?<!-- end -->",
+        block,
+        text,
+        flags=re.DOTALL,
     )
 
 

@@ -88,6 +88,11 @@ class Diagnosis:
         return share_of_best(self.behaviours[name].learned, self.behaviours[RANDOM].learned, known)
 
     @property
+    def is_optimised(self) -> bool:
+        """Whether the trainings found the best known, on average over the seeds."""
+        return bool(self.share.mean() >= FOUND)
+
+    @property
     def verdicts(self) -> list[str]:
         """One of `VERDICTS` for each seed.
 

@@ -54,6 +54,7 @@ class Result:
       retrain_settings: how policies were trained in the target.
       saturated_lanes: lanes whose discriminator was right about nearly everything in most iterations.
       closeness: distances between the learned and the true reward, by task (`paper.reward_distance`).
+      diagnosis: of a transfer, other behaviours judged by the learned reward (`diagnosis.Diagnosis.to_json`).
       curve: true return while training: {"env_steps": [points], "true_return": [seeds][points]}.
       machine: versions and devices (`run_folder.machine`).
     """
@@ -85,6 +86,7 @@ class Result:
     retrain_settings: dict[str, Any] | None = None
     saturated_lanes: list[str] = field(default_factory=list)
     closeness: dict[str, dict] | None = None
+    diagnosis: dict[str, Any] | None = None
     curve: dict[str, list] | None = None
     machine: dict[str, Any] | None = None
 

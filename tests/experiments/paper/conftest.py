@@ -1,11 +1,31 @@
 """Results that a test can make in one line."""
 
+import numpy as np
 import pytest
 
+from eairl_jax.experiments.pipeline.diagnosis import FROM_EXPERT, RANDOM, TRAINED, Behaviour, Diagnosis
+from eairl_jax.experiments.pipeline.experiment import Reference
 from eairl_jax.experiments.pipeline.run import Result
 
 MEASURES = ("epic", *(f"rank correlation, {transitions}" for transitions in ("expert", "policy", "random")))
 WORTH = tuple(f"worth, {who}" for who in ("random", "expert", "policy", "retrained"))
+
+
+def diagnosed(returns, share=1.0):
+    """The diagnosis of policies of these returns that reach a share of the best known learned reward."""
+    seeds = np.ones(len(returns))
+    behaviours = {
+        TRAINED: Behaviour(share * seeds, np.array(returns, float)),
+        FROM_EXPERT: Behaviour(seeds, 10.0 * seeds),
+        RANDOM: Behaviour(0.0 * seeds, 0.0 * seeds),
+    }
+    return Diagnosis(behaviours, Reference(expert=10.0, random=0.0)).to_json()
+
+
+@pytest.fixture(scope="session")
+def make_diagnosis():
+    """See `diagnosed`."""
+    return diagnosed
 
 
 @pytest.fixture(scope="session")
@@ -30,6 +50,7 @@ def make_result():
             "ceiling": [9.0, 10.0] if target else [],
             "imitation_returns": [7.0, 7.0] if target else [],
             "closeness": {"source": measures, "target": measures} if target and target != task else None,
+            "diagnosis": diagnosed(returns) if target and target != task and rule == "last" else None,
             "curve": {"env_steps": [10, 20], "true_return": [[None, 1.0], [0.0, 2.0]]},
             "machine": {"date": "2026-11-22", "devices": 2, "device": "cpu", "versions": {"jax": "0.10"}},
         }

@@ -96,6 +96,18 @@ def test_what_was_not_run_leaves_every_claim_open(make_result, results_of):
     assert judged(apart, "EAIRL imitates as well as GAIL").verdict == "open"
 
 
+@pytest.mark.parametrize(("share", "verdict"), [(1.0, "no"), (0.9, "unclear"), (None, "unclear")])
+def test_a_low_score_says_nothing_against_a_reward_that_was_not_optimised(
+    share, verdict, make_result, make_diagnosis, results_of
+):
+    diagnosis = None if share is None else make_diagnosis([1.0, 1.0], share)
+    low = make_result("eairl-sa", [1.0, 1.0], *MAZES, "last", diagnosis=diagnosis)
+    high = make_result("airl_s-s", [9.0, 9.0], *MAZES, "last")
+    results = results_of(table1=[low, high])
+    assert judged(results, "EAIRL's reward r(s,a) transfers to the other maze").verdict == verdict
+    assert judged(results, "In the other maze EAIRL's reward is better than that of AIRL(s)").verdict == verdict
+
+
 def test_a_reward_back_in_its_source_is_no_transfer(make_result, results_of):
     home = make_result("eairl-sa", [10.0, 10.0], MAZES[0], MAZES[0], "last")
     away = make_result("eairl-sa", [1.0, 1.0], *MAZES, "last")

@@ -15,22 +15,34 @@ def test_the_table_of_a_transfer(make_result):
     experiment = [
         make_result("airl_s-s", [8.0, 10.0], *MAZES, "last"),
         make_result("airl_s-s", [6.0, 6.0], *MAZES, "source_retrain"),
-        make_result("eairl-separable", [5.0, 5.0], *MAZES, "last", is_published=False),
+        make_result("eairl-separable", [5.0, 5.0], *MAZES, "last", is_published=False, diagnosis=None),
         make_result("airl_s-s", [9.0, 9.0], MAZES[0], MAZES[0], "last"),
         make_result("eairl-sa", [1.0, 1.0], *MAZES, "random"),
     ]
     (table,) = tables.tables(experiment, published.TRANSFER)
     assert tables.markdown(table).splitlines() == [
-        "| point_maze_left to point_maze_right | last | paper | source_retrain | back in the source "
-        "| imitating, in the source |",
-        "| --- | --- | --- | --- | --- | --- |",
-        "| expert | 10.00 (1.00) | -4.98 ± 0.29 (1.00) |  |  |  |",
-        "| ceiling | 9.50 ± 0.50 (0.95) |  |  |  |  |",
-        "| AIRL(s) | 9.00 ± 1.00 (0.90) | -8.07 ± 0.50 (1.62) | 6.00 ± 0.00 (0.60) | 9.00 ± 0.00 (0.90) "
-        "| 7.00 ± 0.00 |",
-        "| EAIRL, separable | 5.00 ± 0.00 (0.50) |  |  |  | 7.00 ± 0.00 |",
-        "| random reward | 1.00 ± 0.00 (0.10) |  |  |  |  |",
-        "| random actions | 0.00 (0.00) |  |  |  |  |",
+        "| point_maze_left to point_maze_right | last | paper | the reward, by diagnosis | source_retrain "
+        "| back in the source | imitating, in the source |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+        "| expert | 10.00 (1.00) | -4.98 ± 0.29 (1.00) |  |  |  |  |",
+        "| ceiling | 9.50 ± 0.50 (0.95) |  |  |  |  |  |",
+        "| AIRL(s) | 9.00 ± 1.00 (0.90) | -8.07 ± 0.50 (1.62) | 1 agrees, 1 mistaken | 6.00 ± 0.00 (0.60) "
+        "| 9.00 ± 0.00 (0.90) | 7.00 ± 0.00 |",
+        "| EAIRL, separable | 5.00 ± 0.00 (0.50) |  | not diagnosed |  |  | 7.00 ± 0.00 |",
+        "| random reward | 1.00 ± 0.00 (0.10) |  |  |  |  |  |",
+        "| random actions | 0.00 (0.00) |  |  |  |  |  |",
+    ]
+
+
+def test_the_table_of_diagnoses(make_result, make_diagnosis):
+    low, high = (
+        make_result(name, returns, *MAZES, "last", diagnosis=make_diagnosis(returns, share))
+        for name, returns, share in (("eairl-sa", [4.0, 2.0], 0.5), ("airl_s-s", [10.0, 10.0], 1.0))
+    )
+    (table,) = tables.diagnoses([low, high, make_result("bc", [1.0], "ant")])
+    assert [(name, [cell.ours for cell in cells]) for name, cells in table.lines] == [
+        ("AIRL(s)", ["10.00 ± 0.00", "1.000", "1.000", "10.00 ± 0.00", "2 agree"]),
+        ("EAIRL", ["3.00 ± 1.00", "0.500", "0.500", "10.00 ± 0.00", "2 not optimised"]),
     ]
 
 
