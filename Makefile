@@ -27,8 +27,8 @@ $(STAMP): pyproject.toml constraints.txt
 install: $(STAMP)
 
 demo: $(STAMP)
-	@echo "== EAIRL: a reward learned in the left maze, used in the right one; 5 seeds, two reward forms"
-	@$(BIN)/eairl transfer point_maze_left point_maze_right --method eairl --reward-form sa separable --seeds 5
+	@echo "== EAIRL: its reward r(s,a), learned in the left maze, used in the right one; 4 seeds"
+	@$(BIN)/eairl transfer point_maze_left point_maze_right --method eairl --rule last --seeds 4
 
 test: $(STAMP)
 	@echo "== the fast tests, on two processes"

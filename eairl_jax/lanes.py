@@ -82,6 +82,11 @@ class Lanes:
         """The state of every lane before the first iteration."""
         return self._init(self._keys, self.hparams)
 
+    def blank(self) -> PyTree:
+        """NumPy zeros `[lanes, ...]` of the shapes of a state; nothing is compiled. A checkpoint is restored into it."""
+        shapes = jax.eval_shape(self._init, self._keys, self.hparams)
+        return jax.tree.map(lambda leaf: np.zeros((self.count, *leaf.shape[1:]), leaf.dtype), shapes)
+
     def compile(self, state: PyTree, length: int) -> float:
         """Compiles `length` iterations; returns the seconds that this took (0 if they were compiled before)."""
         if length in self._programs:

@@ -9,7 +9,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from eairl_jax import Algorithm, Checkpoints, Config, HParams, InputError, make_rl
+from eairl_jax import Algorithm, Checkpoints, Config, HParams, InputError, Lanes, make_rl
 from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.pipeline.experiment import make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
@@ -89,9 +89,7 @@ def finished_settings(path: Path) -> dict:
 def _restore(path: Path, algorithm: Algorithm, config: Config, hparams: HParams, lanes: int) -> PyTree:
     """The states `[lanes, ...]` of the last checkpoint."""
     keys = jax.random.split(jax.random.PRNGKey(0), lanes)
-    shapes = jax.eval_shape(jax.vmap(lambda key: algorithm.init(key, hparams)), keys)
-    like = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
-    return Checkpoints(path / "checkpoints").restore(config.iterations, like)
+    return Checkpoints(path / "checkpoints").restore(config.iterations, Lanes(algorithm, keys, hparams).blank())
 
 
 def best_expert(path: Path, task: str) -> Policies:

@@ -96,13 +96,13 @@ def train(
     with folder.locked():
         iterations, chunk = recipe.config.iterations, recipe.snapshot_every
         checkpoints = Checkpoints(folder.path / "checkpoints")
-        state, first = lanes.init(), start.iteration if start else 0
+        first = start.iteration if start else 0
         done = checkpoints.latest() or first
         if done > first:
-            state = lanes.put(checkpoints.restore(done, lanes.take(state)))
+            state = lanes.put(checkpoints.restore(done, lanes.blank()))
             say(f"{title}: going on from iteration {done} of {iterations}")
-        elif start:
-            state = lanes.put(start.states())
+        else:
+            state = lanes.put(start.states()) if start else lanes.init()
         if done >= iterations:
             return lanes.take(state)
         folder.keep_metrics((done - first) * len(labels))

@@ -36,7 +36,7 @@ def test_training_goes_on_after_a_restart_as_if_it_had_never_stopped(tmp_path, b
     state, metrics = run.run(state, 2)
     # From here on as in a new process: nothing but the folder is left.
     again, checkpoints = lanes(), Checkpoints(tmp_path)
-    restored = checkpoints.restore(checkpoints.latest(), again.take(again.init()))
+    restored = checkpoints.restore(checkpoints.latest(), again.blank())
     resumed, resumed_metrics = again.run(again.put(restored), 2)
     assert np.all(restored.agent.iteration == 2)
     equal_trees(again.take(resumed), run.take(state))

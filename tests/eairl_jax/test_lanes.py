@@ -36,6 +36,7 @@ def test_a_sweep_of_eairl_equals_a_loop_over_its_lanes(built, demos):
     state, metrics = lanes.run(lanes.init(), 2)
     state = lanes.take(state)
     assert metrics["policy_reward"].shape == (3, 2)
+    jax.tree.map(lambda x, y: np.testing.assert_array_equal(x, np.zeros_like(y), strict=True), lanes.blank(), state)
     for lane in range(3):
         hparams = jax.tree.map(lambda x, lane=lane: float(x[lane] if np.ndim(x) else x), SWEEP)
         alone, by_hand = init(keys(3)[lane], hparams), []

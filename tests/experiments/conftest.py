@@ -33,6 +33,8 @@ SEARCH = Search(plans=32, repeats=2, updates=10, batch=16)
 SIZES = {
     "eairl_jax.experiments.pipeline.stages.SEARCH": SEARCH,
     "eairl_jax.experiments.pipeline.stages.JUDGED_EPISODES": 2,
+    "eairl_jax.experiments.pipeline.diagnosis.JUDGED_EPISODES": 2,
+    "eairl_jax.experiments.pipeline.diagnosis.EXPERT_CLONE": SEARCH,
     "eairl_jax.experiments.pipeline.train.EVALUATION_EPISODES": 2,
     "eairl_jax.experiments.commands.demos.SCORE_EPISODES": 2,
     "eairl_jax.experiments.pipeline.experiment.SCORE_EPISODES": 2,

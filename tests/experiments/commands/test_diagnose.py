@@ -5,8 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from eairl_jax.experiments.pipeline import diagnosis
-
 
 @pytest.fixture
 def transferred(finished, tiny, tmp_path, run, retrain_settings):
@@ -17,9 +15,7 @@ def transferred(finished, tiny, tmp_path, run, retrain_settings):
     return folder
 
 
-def test_a_transfer_is_judged_beside_other_behaviours(transferred, run, table, capsys, monkeypatch):
-    monkeypatch.setattr(diagnosis, "JUDGED_EPISODES", 2)
-    monkeypatch.setattr(diagnosis, "EXPERT_CLONE", diagnosis.Search(updates=5, batch=8))
+def test_a_transfer_is_judged_beside_other_behaviours(transferred, run, table, capsys):
     capsys.readouterr()
     assert run("diagnose", transferred, "--policies", transferred) == 0
     printed = table(capsys)

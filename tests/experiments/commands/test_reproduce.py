@@ -67,6 +67,11 @@ def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys, run):
     assert len(last["closeness"]["target"]["epic"]) == 2
     # What the kept restarts are worth to the reward at the end.
     assert last["closeness"]["target"]["worth, retrained"] == last["learned_rewards"]
+    # And what other behaviours are worth to it.
+    trained = last["diagnosis"]["behaviours"]["trained on the reward"]
+    assert trained == {"learned": last["learned_rewards"], "true": last["returns"]}
+    assert len(last["diagnosis"]["verdicts"]) == 2
+    assert "diagnosis" not in policy
     # The policy was moved as it was, and the random reward is that of before learning.
     assert "curve" not in policy
     assert random["chosen_iterations"] == [0, 0]
