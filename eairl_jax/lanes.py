@@ -83,7 +83,7 @@ class Lanes:
         return self._init(self._keys, self.hparams)
 
     def blank(self) -> PyTree:
-        """NumPy zeros `[lanes, ...]` of the shapes of a state; nothing is compiled. A checkpoint is restored into it."""
+        """NumPy zeros `[lanes, ...]` in the shapes of a state, for a checkpoint to be restored into; nothing is compiled."""
         shapes = jax.eval_shape(self._init, self._keys, self.hparams)
         return jax.tree.map(lambda leaf: np.zeros((self.count, *leaf.shape[1:]), leaf.dtype), shapes)
 
