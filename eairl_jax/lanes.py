@@ -83,7 +83,7 @@ class Lanes:
         return self._init(self._keys, self.hparams)
 
     def blank(self) -> PyTree:
-        """NumPy zeros `[lanes, ...]` in the shapes of a state, for a checkpoint to be restored into; nothing is compiled."""
+        """NumPy zeros `[lanes, ...]` in the shapes of a state; nothing is compiled. Checkpoints need such a tree."""
         shapes = jax.eval_shape(self._init, self._keys, self.hparams)
         return jax.tree.map(lambda leaf: np.zeros((self.count, *leaf.shape[1:]), leaf.dtype), shapes)
 
