@@ -11,7 +11,7 @@ from eairl_jax.experiments.display.console import console, mean_and_std, say
 from eairl_jax.experiments.display.plots import plot_diagnosis
 from eairl_jax.experiments.options import Diagnose
 from eairl_jax.experiments.pipeline import policies
-from eairl_jax.experiments.pipeline.diagnosis import FILE, FOUND, Diagnosis, diagnose
+from eairl_jax.experiments.pipeline.diagnosis import FILE, FOUND, TRAINED, Diagnosis, diagnose
 from eairl_jax.experiments.pipeline.experiment import restored_target
 
 
@@ -39,8 +39,10 @@ def _print(title: str, seeds: list[int], diagnosis: Diagnosis) -> None:
     console.print(table)
     say("mean ± standard deviation over seeds; share of best: 0 random actions, 1 the best known, in brackets the")
     say("lowest seed. `trained on the reward` is the policy that was scored; the others are here to compare with")
-    for seed, share, verdict in zip(seeds, diagnosis.share, diagnosis.verdicts, strict=True):
-        say(f"seed {seed}: {share:.3f} of the best known learned reward: {verdict}")
+    figures = (diagnosis.share, diagnosis.behaviours[TRAINED].true, diagnosis.best_true, diagnosis.verdicts)
+    for seed, share, true, best, verdict in zip(seeds, *figures, strict=True):
+        worth = f"{share:.3f} of the best known learned reward; true return {true:.2f}, the best {best:.2f}"
+        say(f"seed {seed}: {verdict} ({worth})")
     counts = Counter(diagnosis.verdicts)
     console.print(
         ", ".join(f"{verdict}: {count}" for verdict, count in counts.items())

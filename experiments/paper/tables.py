@@ -222,7 +222,7 @@ DIAGNOSIS_COLUMNS = (
     "trained on the reward",
     "share of the best known",
     "lowest seed",
-    "trained on, from the expert",
+    "trained from the expert",
     FAULT,
 )
 

@@ -45,7 +45,7 @@ FOUND = 0.98
 """A training has found what a reward pays for if it reaches this share of the best known behaviour's reward."""
 BETTER = 0.05
 """A behaviour is better if its true return is higher by this share of the way from random actions to the expert."""
-TRAINED, FROM_EXPERT = "trained on the reward", "trained on, from the expert"
+TRAINED, FROM_EXPERT = "trained on the reward", "trained from the expert"
 """The policies that were scored, and policies that began as the target's expert."""
 EXPERT_CLONE = Search(updates=2000)
 """How the expert is cloned."""
@@ -88,6 +88,11 @@ class Diagnosis:
         return share_of_best(self.behaviours[name].learned, self.behaviours[RANDOM].learned, known)
 
     @property
+    def best_true(self) -> np.ndarray:
+        """`[seeds]` the highest true return of any of the behaviours."""
+        return np.max([behaviour.true for behaviour in self.behaviours.values()], axis=0)
+
+    @property
     def is_optimised(self) -> bool:
         """Whether the trainings found the best known, on average over the seeds."""
         return bool(self.share.mean() >= FOUND)
@@ -100,8 +105,7 @@ class Diagnosis:
         training found the best known, and a behaviour of a higher true return is worth less. "agrees": else.
         """
         margin = BETTER * (self.reference.expert - self.reference.random)
-        best_true = np.max([behaviour.true for behaviour in self.behaviours.values()], axis=0)
-        is_worse = best_true > self.behaviours[TRAINED].true + margin
+        is_worse = self.best_true > self.behaviours[TRAINED].true + margin
         return [
             "not optimised" if share < FOUND else "mistaken" if worse else "agrees"
             for share, worse in zip(self.share, is_worse, strict=True)
