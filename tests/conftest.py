@@ -6,12 +6,15 @@ from __future__ import annotations
 
 import functools
 import os
+from importlib.metadata import version
 from pathlib import Path
 
 # Before any backend starts: with two virtual CPU devices and fewer threads than that, XLA waits for itself for ever.
 os.environ.setdefault("NPROC", "4")
 # XLA's older way to compile a fusion takes a third of the time, and compiling is what most tests spend their time on.
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false --xla_cpu_use_fusion_emitters=false")
+# Newer versions have no such way, and abort at a flag that they do not know.
+OLD_FUSION = " --xla_cpu_use_fusion_emitters=false" if version("jaxlib").startswith("0.10.") else ""
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false" + OLD_FUSION)
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import jax
