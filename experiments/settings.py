@@ -32,23 +32,24 @@ class Recipe:
     source_retrain_iterations: int = 1
     """Iterations of a training by which the rule `source_retrain` judges a snapshot."""
     trials: int = 0
-    """Policies that begin for each score, in different places (`eairl_jax.plans`). After `trial_iterations` the
-    `restarts` of them go on that their own reward rates best. 0: `restarts` policies begin as random networks."""
+    """Policies that begin for each score, those that are not random in different places (`eairl_jax.plans`). After
+    `trial_iterations` the `restarts` of them go on that their own reward rates best. 0: `restarts` policies begin as
+    random networks."""
     trial_iterations: int = 0
     """Iterations of a trial; they are a part of `iterations`."""
-    wide_trials: int = 0
-    """Trials that begin as random networks with a wide std (`wide_std`) instead. All of them go on after the trials,
-    since a policy with a wide std earns little before its std falls."""
-    wide_std: float = 1.0
-    """The std of a wide trial before the first iteration, as a multiple of the std of the other trials. All policies
+    random_trials: int = 0
+    """Trials that begin as random networks instead. If there are other trials, the random ones all go on: with a wide
+    std (`random_std`) a policy earns little before its std falls, and would lose the comparison."""
+    random_std: float = 1.0
+    """The std of a random trial before the first iteration, as a multiple of the std of the other trials. All policies
     end with the same std."""
 
     def checked(self) -> Recipe:
         """The recipe with short trainings that are possible in its number of iterations.
 
         A snapshot is never judged by a longer training than the one that it stands for. A trial is at most half of a
-        training, and the trials are at least as many as the restarts; a training of 1 iteration has no trials. At most
-        half of the policies that go on are wide ones.
+        training, and the trials are at least as many as the restarts; a training of 1 iteration has no trials. If there
+        are other trials, at most half of the policies that go on are random ones.
         """
         iterations = self.config.iterations
         length = min(self.trial_iterations, iterations // 2)
@@ -58,7 +59,7 @@ class Recipe:
             source_retrain_iterations=min(self.source_retrain_iterations, iterations),
             trials=trials,
             trial_iterations=length if trials else 0,
-            wide_trials=min(self.wide_trials, self.restarts // 2) if trials else 0,
+            random_trials=trials if self.random_trials >= trials else min(self.random_trials, self.restarts // 2),
         )
 
 
@@ -70,8 +71,8 @@ GROUPS: dict[str, dict[str, Any]] = {
         "snapshot_every": Recipe.snapshot_every,
         "trials": Recipe.trials,
         "trial_iterations": Recipe.trial_iterations,
-        "wide_trials": Recipe.wide_trials,
-        "wide_std": Recipe.wide_std,
+        "random_trials": Recipe.random_trials,
+        "random_std": Recipe.random_std,
     },
 }
 SETTINGS: dict[str, Any] = {name: default for group in GROUPS.values() for name, default in group.items()}
@@ -133,11 +134,11 @@ def _check_training(recipe: Recipe) -> None:
         )
     if recipe.restarts < 1:
         raise InputError(f"--restarts {recipe.restarts}: expected at least 1")
-    for name in ("trials", "trial_iterations", "wide_trials"):
+    for name in ("trials", "trial_iterations", "random_trials"):
         if getattr(recipe, name) < 0:
             raise InputError(f"{name} = {getattr(recipe, name)}: expected 0 (no trials) or more")
-    if not 0 < recipe.wide_std < math.inf:
-        raise InputError(f"wide_std = {recipe.wide_std}: expected a number above 0")
+    if not 0 < recipe.random_std < math.inf:
+        raise InputError(f"random_std = {recipe.random_std}: expected a number above 0")
 
 
 def parse_overrides(assignments: tuple[str, ...]) -> dict[str, Any]:
@@ -198,7 +199,7 @@ ADVERSARY = frozenset(
 TRPO = frozenset({"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"})
 PPO = frozenset({"clip_eps", "max_grad_norm"})
 # Only a retraining has trials.
-TRIALS = frozenset({"trials", "trial_iterations", "wide_trials", "wide_std"})
+TRIALS = frozenset({"trials", "trial_iterations", "random_trials", "random_std"})
 # The temperature belongs to a reward that is given; an adversarial method's reward contains -log pi by itself.
 TEMPERATURE = frozenset({"temperature", "temperature_final_fraction"})
 REINFORCEMENT = frozenset(

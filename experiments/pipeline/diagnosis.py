@@ -172,7 +172,7 @@ def _of_steps(training: Training, steps: dict[str, np.ndarray], true: float) -> 
 def _from_expert(folder: RunFolder, training: Training) -> Behaviour:
     """Policies that begin as clones of the target's expert, one for each reward, trained on for a whole training."""
     target = training.target
-    recipe = dataclasses.replace(target.recipe, restarts=1, trials=0, trial_iterations=0, wide_trials=0)
+    recipe = dataclasses.replace(target.recipe, restarts=1, trials=0, trial_iterations=0, random_trials=0)
     alone = dataclasses.replace(training, target=dataclasses.replace(target, recipe=recipe))
     algorithm, labels = alone.algorithm, training.labels
     lanes = alone.lanes(algorithm, DIAGNOSE, labels)

@@ -30,7 +30,7 @@ RANDOM_SEED = 20_000
 BUDGET = frozenset({"iterations", "snapshot_every", "num_envs", "rollout_length", "optimizer"})
 
 # The fields of a recipe that say which policies are trained on a reward.
-RETRAINING = ("restarts", "trials", "trial_iterations", "wide_trials", "wide_std")
+RETRAINING = ("restarts", "trials", "trial_iterations", "random_trials", "random_std")
 
 
 class Reference(NamedTuple):

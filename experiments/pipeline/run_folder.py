@@ -227,7 +227,7 @@ def _essential(settings: dict) -> dict:
 
 def _default(name: str) -> Any:
     """The default of a flat setting of training (`config.hidden`, `retrain_hparams.gamma`, `trials`), else None."""
-    if name in ("trials", "trial_iterations", "wide_trials", "wide_std"):
+    if name in ("trials", "trial_iterations", "random_trials", "random_std"):
         return getattr(Recipe, name)
     group, _, setting = name.rpartition(".")
     default = SETTINGS.get(setting) if group.endswith(("config", "hparams")) else None

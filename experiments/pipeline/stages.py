@@ -255,11 +255,11 @@ class Training:
         return target.recipe.config
 
     def hparams(self, labels: list[Lane]) -> HParams:
-        """The floats of the training of each policy; the first policies of a reward are the wide ones."""
+        """The floats of the training of each policy; the first policies of a reward are the random ones."""
         recipe = self.target.recipe
-        wide = np.array([label.get("restart", recipe.wide_trials) < recipe.wide_trials for label in labels])
-        width = np.where(wide, recipe.wide_std, 1.0) * recipe.hparams.std_initial_fraction
-        hparams = dataclasses.replace(recipe.hparams, std_initial_fraction=width)
+        is_random = np.array([label.get("restart", recipe.random_trials) < recipe.random_trials for label in labels])
+        fraction = np.where(is_random, recipe.random_std, 1.0) * recipe.hparams.std_initial_fraction
+        hparams = dataclasses.replace(recipe.hparams, std_initial_fraction=fraction)
         # -temperature log pi belongs to a learned reward, which is one of maximum-entropy reinforcement learning.
         return hparams if self.reward else dataclasses.replace(hparams, temperature=0.0)
 
@@ -312,9 +312,9 @@ def retrain(folder: RunFolder, title: str, training: Training) -> tuple[Algorith
 def best_trials(folder: RunFolder, title: str, training: Training) -> PyTree:
     """Trains many policies for a few iterations, and returns the states `[restarts * rewards, ...]` of the best.
 
-    The first `wide_trials` of each reward are random networks with a wide std, and all of them go on. The others begin
-    in different places (`eairl_jax.plans`). The best of these are those of the highest reward, of the reward that they
-    are trained on.
+    The first `random_trials` of each reward are random networks. The others begin in different places
+    (`eairl_jax.plans`). The best are those of the highest reward, of the reward that they are trained on; but random
+    trials go on before others (`Recipe.random_trials`).
     """
     recipe, inner = training.target.recipe, trials_folder(folder)
     labels = training.restarts(recipe.trials)
@@ -333,20 +333,23 @@ def trials_folder(folder: RunFolder) -> RunFolder:
 
 
 def kept_trials(inner: RunFolder, recipe: Recipe, rewards: int) -> np.ndarray:
-    """Lanes `[restarts, rewards]` of the trials that go on: the wide ones, then the best of the others.
+    """Lanes `[restarts, rewards]` of the trials that go on: random ones first, and of either kind the best first.
 
     The best have the highest mean rewards over their last quarter.
     """
     curves = inner.curve("policy_reward", recipe.trials * rewards)
     late = curves[:, -max(1, curves.shape[1] // 4) :].mean(axis=1).reshape(recipe.trials, rewards)
-    late[: recipe.wide_trials] = np.inf
-    return np.argsort(-late, axis=0, kind="stable")[: recipe.restarts] * rewards + np.arange(rewards)
+    is_other = np.broadcast_to(np.arange(recipe.trials)[:, None] >= recipe.random_trials, late.shape)
+    return np.lexsort((-late, is_other), axis=0)[: recipe.restarts] * rewards + np.arange(rewards)
 
 
 def _first_policies(inner: RunFolder, training: Training, fresh: PyTree) -> PyTree:
-    """The states `[trials * rewards, ...]` in which the trials begin: the wide ones of `fresh`, and clones of plans."""
-    wide = training.target.recipe.wide_trials * len(training.labels)
-    return jax.tree.map(lambda a, b: np.concatenate([a[:wide], b]), fresh, planned(inner, training))
+    """The states `[trials * rewards, ...]` in which the trials begin: random ones of `fresh`, then clones of plans."""
+    recipe = training.target.recipe
+    if recipe.random_trials == recipe.trials:
+        return fresh
+    count = recipe.random_trials * len(training.labels)
+    return jax.tree.map(lambda a, b: np.concatenate([a[:count], b]), fresh, planned(inner, training))
 
 
 def planned(inner: RunFolder, training: Training) -> PyTree:
@@ -355,7 +358,7 @@ def planned(inner: RunFolder, training: Training) -> PyTree:
     They depend on the labels, the rewards and the environment alone, so a run that was killed computes them again.
     """
     target = training.target
-    places = target.recipe.trials - target.recipe.wide_trials
+    places = target.recipe.trials - target.recipe.random_trials
     planner = make_planner(target.env, training.config, places, SEARCH, training.function)
     lanes = training.lanes(planner, PLAN, training.labels)
     state = lanes.init()
@@ -437,7 +440,7 @@ def _judge(folder: RunFolder, training: Training, algorithm: Algorithm, state: P
     compared = {RANDOM: rewards_of(training, random_steps(target.env, JUDGED_EPISODES))}
     if target.demos is not None:
         compared[EXPERT] = rewards_of(training, clip_actions(target.demos, target.env, training.config)._asdict())
-    if target.recipe.trials:
+    if target.recipe.trials > target.recipe.random_trials:
         compared[BEST_PLAN] = np.array(read_json(trials_folder(folder).path / PLANS)["learned_per_step"])
     content = {
         "policies": policies.reshape(restarts, -1).tolist(),

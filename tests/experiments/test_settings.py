@@ -57,12 +57,13 @@ def test_the_trials_of_a_recipe_are_possible_in_its_iterations():
 
     def trials(task="point_maze_left", **overrides):
         made = recipe(task, env, "retrain", {"snapshot_every": 1} | overrides)
-        return made.trials, made.trial_iterations, made.wide_trials
+        return made.trials, made.trial_iterations, made.random_trials
 
-    given = {"trials": 16, "trial_iterations": 20, "wide_trials": 2, "restarts": 4}
+    given = {"trials": 16, "trial_iterations": 20, "random_trials": 2, "restarts": 4}
     assert trials(**given) == (16, 20, 2)
     assert trials(**given | {"iterations": 4, "snapshot_every": 4}) == (16, 2, 2)
     assert trials(**given | {"iterations": 1, "snapshot_every": 1}) == (0, 0, 0)
     assert trials(**given | {"restarts": 20}) == (20, 20, 2)
     assert trials(**given | {"restarts": 3}) == (16, 20, 1)
     assert trials(**given | {"trials": 0}) == (0, 0, 0)
+    assert trials(**given | {"trials": 2, "restarts": 1}) == (2, 20, 2)  # all are random, and the better one goes on

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eairl_jax.experiments.commands import reproduce
-from eairl_jax.experiments.paper import plan
+from eairl_jax.experiments.paper import plan, results
 from eairl_jax.experiments.paper.plan import Planned
 
 
@@ -99,6 +99,15 @@ def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys, run):
     assert run("reproduce", "all", "--quick", "--out", tmp_path) == 0
     assert run("report", "--results", tmp_path, "--out", page) == 0
     assert page.read_text() == text
+
+
+@pytest.mark.parametrize("table", plan.EXPERIMENTS)
+def test_the_committed_results_have_the_settings_of_the_plan(table):
+    """A recipe that changes makes its results old: they have to be measured again, or removed."""
+    path, planned = results.FOLDER / f"{table}.json", plan.EXPERIMENTS[table]
+    experiments = {each.identity: reproduce.build(each, 5, quick=False) for each in planned}
+    assert {result.identity for result in results.load(path)} <= set(experiments)
+    reproduce.refuse_other_results(path, experiments)
 
 
 def test_an_experiment_without_the_task_is_refused(capsys, run):

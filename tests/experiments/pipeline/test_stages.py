@@ -192,12 +192,24 @@ def point(monkeypatch):
         ppo_minibatches=2,
         log_std_init=-2.5,
     )
-    training = dict(restarts=2, trials=4, trial_iterations=2, wide_trials=1, wide_std=3.0)
+    training = dict(restarts=2, trials=4, trial_iterations=2, random_trials=1, random_std=3.0)
     recipe = Recipe(config, HParams(policy_lr=1e-3, std_final_fraction=0.5), 2, **training)
     monkeypatch.setattr(stages, "reward_function", lambda _config: pays)
     monkeypatch.setattr(stages, "SEARCH", Search(plans=256, repeats=4, updates=200, batch=64, lr=1e-2))
     params = np.zeros((2, 1), np.float32)
     return Target("point", Point(), recipe, Reference(1.0, 0.0)), LearnedReward({}, Config(), params)
+
+
+@pytest.mark.parametrize(
+    ("random_trials", "restarts", "kept"),
+    [(0, 2, [[2, 1], [1, 2]]), (1, 2, [[0, 0], [2, 1]]), (3, 2, [[2, 1], [1, 2]]), (3, 1, [[2, 1]])],
+)
+def test_random_trials_go_on_before_others_and_of_either_kind_the_best(tmp_path, random_trials, restarts, kept):
+    folder = RunFolder(tmp_path, {})
+    labels = [{"restart": restart, "seed": seed} for restart in range(3) for seed in SEEDS]
+    metrics(folder, labels, policy_reward=[[1, 1], [2, 8], [9, 3]])
+    recipe = Recipe(Config(), HParams(), restarts=restarts, trials=3, trial_iterations=1, random_trials=random_trials)
+    np.testing.assert_array_equal(stages.kept_trials(folder, recipe, 2), np.array(kept) * 2 + [0, 1])
 
 
 def test_what_pays_most_is_reached_though_it_is_far_and_the_true_reward_is_unknown(tmp_path, point):
