@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from eairl_jax import evaluate, random_policy
+from eairl_jax import evaluate, evaluation, random_policy
 
 
 @pytest.mark.parametrize(("ends_at", "counted"), [(None, 5), (3, 3)])
@@ -42,3 +42,10 @@ def test_random_policy_fills_the_executed_range(toy, limit):
     assert actions.shape == (4000, 2)
     np.testing.assert_allclose([actions.min(), actions.max()], [-(limit or 1.0), limit or 1.0], rtol=0.01)
     np.testing.assert_allclose(actions.std(), (limit or 1.0) / np.sqrt(3), rtol=0.03)
+
+
+def test_the_reward_a_step_stops_at_the_end_of_an_episode(toy):
+    _, steps = evaluate(jax.random.PRNGKey(0), toy(ends_at=3), random_policy(toy()), 2, 5)
+    steps = {name: np.asarray(x) for name, x in steps.items()}
+    paid = evaluation.reward_per_step(lambda batch: batch.obs[..., 0] + 1.0, steps)  # 1, 2, 3, ... in each episode
+    np.testing.assert_allclose(paid, (1 + 2 + 3) / 5)

@@ -223,6 +223,11 @@ def test_what_pays_most_is_reached_though_it_is_far_and_the_true_reward_is_unkno
     # A policy that goes to -0.6, which is nearer, is paid at most 0.41.
     assert (scored.worth.kept > 0.45).all()
     np.testing.assert_array_equal(scored.worth.kept, learned.max(axis=0))
+    # The task has no demonstrations. Random actions stay near the start, and no plan holds the best place.
+    compared = scored.worth.compared
+    assert set(compared) == {stages.RANDOM, stages.BEST_PLAN}
+    assert (compared[stages.RANDOM] < compared[stages.BEST_PLAN]).all()
+    assert (scored.worth.share > 0.8).all()
     np.testing.assert_array_equal(learned.ravel()[stages.best_restarts(folder, 2, 2)], learned.max(axis=0))
     # Of the four trials the wide one went on, and of the others the one of the highest reward.
     inner = stages.trials_folder(folder)
