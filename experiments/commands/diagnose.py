@@ -11,7 +11,7 @@ from eairl_jax.experiments.display.console import console, mean_and_std, say
 from eairl_jax.experiments.display.plots import plot_diagnosis
 from eairl_jax.experiments.options import Diagnose
 from eairl_jax.experiments.pipeline import policies
-from eairl_jax.experiments.pipeline.diagnosis import FILE, FOUND, TRAINED, Diagnosis, diagnose
+from eairl_jax.experiments.pipeline.diagnosis import FILE, FOUND, TRAINED, Diagnosis, diagnose, played
 from eairl_jax.experiments.pipeline.experiment import restored_target
 
 
@@ -20,7 +20,8 @@ def run(options: Diagnose, command_line: str) -> None:
     del command_line
     path = options.run_folder
     settings = policies.finished_settings(path)
-    diagnosis = diagnose(path, restored_target(settings, path), options.policies)
+    target, others = restored_target(settings, path), [played(other) for other in options.policies]
+    diagnosis = diagnose(path, target, others)
     _print(path.name, settings["seeds"], diagnosis)
     drawn = {name: (diagnosis.share_of(name), each.true) for name, each in diagnosis.behaviours.items()}
     plot_diagnosis(path / "diagnosis.png", path.name, drawn, diagnosis.reference.expert)

@@ -15,7 +15,7 @@ from eairl_jax.experiments.options import Imitate, Reproduce, Transfer
 from eairl_jax.experiments.paper import figures, plan, published, results, reward_distance
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, FIGURES, FIRST_SEED, Planned, retrain_variant
 from eairl_jax.experiments.pipeline import stages
-from eairl_jax.experiments.pipeline.diagnosis import diagnose
+from eairl_jax.experiments.pipeline.diagnosis import diagnose, played
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations, transfers
 from eairl_jax.experiments.pipeline.run import Result, learning_folder
 from eairl_jax.experiments.pipeline.run import run as run_experiment
@@ -161,8 +161,9 @@ def diagnosed(finished: list[tuple[str, Experiment, Result]], out: Path) -> Iter
         for table, experiment, result in finished
         if experiment.use and experiment.use.rule.kind == "last" and experiment.use.target.task != result.task
     }
+    all_played = {path: played(path) for path in used}
     for path, (table, target, result) in used.items():
-        others = [other for other, (_, there, _) in used.items() if there.task == target.task and other != path]
+        others = [each for other, each in all_played.items() if each.task == target.task and other != path]
         yield table, dataclasses.replace(result, diagnosis=diagnose(path, target, others).to_json())
 
 

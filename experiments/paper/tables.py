@@ -126,12 +126,7 @@ def _transfer_table(transfer: list[Result], experiment: list[Result], figures: p
     lines = [expert, best]
     for name in results.names_in_order(result for result in transfer if result.rule in RULES):
         # The paper's rewards are those of the last iteration.
-        cells = [
-            Cell(fault(by_column.get((name, column))))
-            if column == FAULT
-            else cell(by_column.get((name, column)), figures if column == "last" else {})
-            for column in columns
-        ]
+        cells = [_transfer_cell(by_column.get((name, column)), column, figures) for column in columns]
         imitating = next(result for result in transfer if result.name == name).imitation_returns
         lines.append((results.title(name), [*cells, Cell(_mean_and_std(imitating))]))
     picked = picked_in_the_target(transfer)
@@ -140,6 +135,10 @@ def _transfer_table(transfer: list[Result], experiment: list[Result], figures: p
     lines += [("random reward", [cell(result, {})]) for result in transfer if result.rule == "random"]
     random = ("random actions", [_random_actions(first)])
     return Table(results.pair(first), [*columns, IMITATING], [*lines, random])
+
+
+def _transfer_cell(result: Result | None, column: str, figures: published.Table) -> Cell:
+    return Cell(fault(result)) if column == FAULT else cell(result, figures if column == "last" else {})
 
 
 def fault(result: Result | None) -> str:

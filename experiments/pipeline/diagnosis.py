@@ -18,13 +18,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from eairl_jax import Algorithm, InputError, evaluate, load_reward, plans
+from eairl_jax import InputError, evaluate, load_reward, plans
 from eairl_jax.agent import clip_actions
 from eairl_jax.experiments.pipeline import policies
 from eairl_jax.experiments.pipeline.experiment import Reference, Target
-from eairl_jax.experiments.pipeline.policies import Policies
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import (
+    BEST_PLAN,
     EXPERT,
     JUDGED_EPISODES,
     RANDOM,
@@ -35,7 +35,7 @@ from eairl_jax.experiments.pipeline.stages import (
     share_of_best,
     worth,
 )
-from eairl_jax.experiments.pipeline.train import DIAGNOSE, JUDGE, Start, final_returns, lane_keys, take_lanes, train
+from eairl_jax.experiments.pipeline.train import DIAGNOSE, JUDGE, Start, final_returns, lane_keys, train
 from eairl_jax.plans import Search
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.storage import read_json, write_json
@@ -70,7 +70,7 @@ class Diagnosis:
     """Behaviours in the target, judged by the learned and by the true reward.
 
     Attributes:
-      behaviours: by name; at least `TRAINED`, `RANDOM` and `EXPERT`.
+      behaviours: by name; at least `TRAINED`, `FROM_EXPERT` and `RANDOM`.
       reference: expert's and random actions' true returns.
     """
 
@@ -130,21 +130,65 @@ class Diagnosis:
         return cls(behaviours, Reference(content["expert"], content["random"]))
 
 
-def diagnose(path: Path, target: Target, others: Sequence[Path] = ()) -> Diagnosis:
+class Played(NamedTuple):
+    """Episodes of the policies of a finished run, to be judged by any reward.
+
+    Attributes:
+      name: of the run's folder.
+      task: in which the policies acted.
+      steps: `[lanes, E, T, ...]`, as `evaluate` returns them.
+      returns: `[lanes]` mean true returns.
+    """
+
+    name: str
+    task: str
+    steps: dict[str, np.ndarray]
+    returns: np.ndarray
+
+
+def played(path: Path) -> Played:
+    """Plays the policies of a finished run.
+
+    Raises:
+      InputError: if the folder holds no finished run.
+    """
+    trained = policies.load(path)
+    env, algorithm = trained.env, trained.algorithm
+
+    @jax.jit
+    @jax.vmap
+    def play(key, state):
+        def act(obs, key):
+            return algorithm.act(state, obs, key)
+
+        returns, steps = evaluate(key, env, act, JUDGED_EPISODES, env.episode_length)
+        return steps, returns.mean()
+
+    lanes = lane_keys(JUDGE, trained.seeds), jax.tree.map(jnp.asarray, trained.state)
+    return Played(path.name, trained.task, *jax.tree.map(np.asarray, play(*lanes)))
+
+
+def diagnose(path: Path, target: Target, others: Sequence[Played] = ()) -> Diagnosis:
     """Judges behaviours by the rewards of a finished transfer, and writes `FILE` into its folder.
 
     Args:
       path: the folder of the transfer.
       target: where and how its policies were trained.
-      others: folders of other finished runs in the same target, whose policies are judged too.
+      others: other finished runs in the same target, whose policies are judged too.
 
     Raises:
-      InputError: if a folder holds no finished transfer, or if the target has no demonstrations.
+      InputError: if the folder holds no finished transfer, if the target has no demonstrations, or if the policies of
+        another run act in another task.
     """
     if not (path / "reward").is_dir():
         raise InputError(f"{path} holds no reward/: give the folder of a finished `eairl transfer`")
     if target.demos is None:
         raise InputError(f"{target.task} has no demonstrations to compare with: put some into the package's data/")
+    for other in others:
+        if other.task != target.task:
+            raise InputError(
+                f"{other.name}: its policies act in {other.task}, not in {target.task}: give runs of one task"
+            )
     trained, reward = policies.load(path), load_reward(path / "reward")
     labels = [{"seed": seed} for seed in trained.seeds]
     training = Training(target, reward, labels, DIAGNOSE)
@@ -155,8 +199,8 @@ def diagnose(path: Path, target: Target, others: Sequence[Path] = ()) -> Diagnos
         TRAINED: Behaviour(worth(RunFolder(path, trained.settings)).kept, np.array(scored)),
         FROM_EXPERT: _from_expert(RunFolder(path / "from_expert", {"part": "from the expert"}), training),
         EXPERT: _of_steps(training, expert._asdict(), target.reference.expert),
-        "best plan": _best_plan(training),
-        **{f"policies of {other.name}": _of_policies(training, policies.load(other)) for other in others},
+        BEST_PLAN: _best_plan(training),
+        **{f"policies of {other.name}": _of_policies(training, other) for other in others},
         RANDOM: _of_steps(training, random, target.reference.random),
     }
     diagnosis = Diagnosis(behaviours, target.reference)
@@ -219,36 +263,12 @@ def _best_plan(training: Training) -> Behaviour:
     return Behaviour(*map(np.asarray, judge(lane_keys(JUDGE, [DIAGNOSE])[0], params)))
 
 
-def _of_policies(training: Training, others: Policies) -> Behaviour:
-    """For each reward the policy of another run that is worth most to it.
-
-    Raises:
-      InputError: if the run's policies act in another task.
-    """
-    env = training.target.env
-    if others.task != training.target.task:
-        raise InputError(
-            f"the policies act in {others.task}, not in {training.target.task}: give runs of the same target"
-        )
-    steps, returns = _episodes(others.algorithm, others.state, others.seeds, env)
+def _of_policies(training: Training, other: Played) -> Behaviour:
+    """For each reward the policy of another run that is worth most to it."""
     learned = np.stack(
-        [rewards_of(training, jax.tree.map(lambda leaf, i=lane: leaf[i], steps)) for lane in range(len(others.seeds))]
+        [
+            rewards_of(training, jax.tree.map(lambda leaf, i=lane: leaf[i], other.steps))
+            for lane in range(len(other.returns))
+        ]
     )
-    best = learned.argmax(axis=0)
-    return Behaviour(learned.max(axis=0), returns[best])
-
-
-def _episodes(algorithm: Algorithm, state: PyTree, seeds: Sequence[int], env) -> tuple[dict, np.ndarray]:
-    """Episodes `[lanes, E, T, ...]` of every policy, and their mean true returns `[lanes]`."""
-
-    @jax.jit
-    @jax.vmap
-    def play(key, state):
-        def act(obs, key):
-            return algorithm.act(state, obs, key)
-
-        returns, steps = evaluate(key, env, act, JUDGED_EPISODES, env.episode_length)
-        return steps, returns.mean()
-
-    lanes = jax.tree.map(jnp.asarray, take_lanes(state, np.arange(len(seeds))))
-    return jax.tree.map(np.asarray, play(lane_keys(JUDGE, seeds), lanes))
+    return Behaviour(learned.max(axis=0), other.returns[learned.argmax(axis=0)])

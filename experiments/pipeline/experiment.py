@@ -20,7 +20,15 @@ from eairl_jax.config import Config, choose
 from eairl_jax.discriminator_data import check_segments
 from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.options import Bench, Imitate, Sweep, Transfer
-from eairl_jax.experiments.settings import GROUPS, Recipe, choose_setting, parse_overrides, recipe, refuse_unread
+from eairl_jax.experiments.settings import (
+    GROUPS,
+    TRIALS,
+    Recipe,
+    choose_setting,
+    parse_overrides,
+    recipe,
+    refuse_unread,
+)
 from eairl_jax.methods import METHODS, method_names, with_method_defaults
 
 SCORE_EPISODES = 500
@@ -30,7 +38,7 @@ RANDOM_SEED = 20_000
 BUDGET = frozenset({"iterations", "snapshot_every", "num_envs", "rollout_length", "optimizer"})
 
 # The fields of a recipe that say which policies are trained on a reward.
-RETRAINING = ("restarts", "trials", "trial_iterations", "random_trials", "random_std")
+RETRAINING = ("restarts", *sorted(TRIALS))
 
 
 class Reference(NamedTuple):

@@ -22,7 +22,7 @@ import jax
 import numpy as np
 
 from eairl_jax import InputError
-from eairl_jax.experiments.settings import SETTINGS, Recipe
+from eairl_jax.experiments.settings import SETTINGS, TRIALS, Recipe
 from eairl_jax.storage import read_json, write_json
 
 MINIMUM_FREE_BYTES = 50_000_000
@@ -227,7 +227,7 @@ def _essential(settings: dict) -> dict:
 
 def _default(name: str) -> Any:
     """The default of a flat setting of training (`config.hidden`, `retrain_hparams.gamma`, `trials`), else None."""
-    if name in ("trials", "trial_iterations", "random_trials", "random_std"):
+    if name in TRIALS:
         return getattr(Recipe, name)
     group, _, setting = name.rpartition(".")
     default = SETTINGS.get(setting) if group.endswith(("config", "hparams")) else None

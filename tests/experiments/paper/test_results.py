@@ -48,7 +48,7 @@ def test_the_default_folder_is_that_of_the_checkout_whatever_the_current_folder_
 @pytest.mark.parametrize("name", ["table1", "table2", "ablations"])
 def test_the_shipped_results_have_everything_that_a_result_needs(name):
     shipped = results.load(results.FOLDER / f"{name}.json")
-    assert shipped
+    assert len(shipped) > (3 if name == "ablations" else 10)
     assert all(len(result.returns) == len(result.seeds) for result in shipped)
 
 
