@@ -15,12 +15,13 @@ from eairl_jax.experiments.options import Imitate, Reproduce, Transfer
 from eairl_jax.experiments.paper import figures, plan, published, results, reward_distance
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, FIGURES, FIRST_SEED, Planned, retrain_variant
 from eairl_jax.experiments.pipeline import stages
-from eairl_jax.experiments.pipeline.diagnosis import diagnose, played
+from eairl_jax.experiments.pipeline.diagnosis import FILE, diagnose, played
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations, transfers
 from eairl_jax.experiments.pipeline.run import Result, learning_folder
 from eairl_jax.experiments.pipeline.run import run as run_experiment
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, settings_digest
 from eairl_jax.experiments.pipeline.train import RUNS
+from eairl_jax.storage import read_json
 
 CURVE_POINTS = 50
 
@@ -146,7 +147,9 @@ def train(experiment: Experiment, out: Path, command_line: str) -> Result:
         return result
     if use.rule.kind == "last" and use.target.task != experiment.source.task:
         distances = reward_distance.of_transfer(learning_folder(experiment, out).path, path)
-        result = dataclasses.replace(result, closeness=distances)
+        # The diagnosis of an earlier call, until `diagnosed` makes a new one.
+        diagnosis = read_json(path / FILE) if (path / FILE).exists() else None
+        result = dataclasses.replace(result, closeness=distances, diagnosis=diagnosis)
     returns = stages.kept_curves(folder, use.target, seeds)
     return dataclasses.replace(result, curve=thinned(returns, use.target.recipe.config.steps_per_iteration))
 
