@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from eairl_jax import normalize, rollout
+from eairl_jax import horizon, normalize, rollout
 from eairl_jax.config import Config
 from eairl_jax.gaussian import Gaussian
 from eairl_jax.types import Env, HParams, Key, PolicyOptimizer, PyTree, Transition
@@ -93,7 +93,7 @@ def collect(key: Key, agent: Agent, env: Env, optimizer: PolicyOptimizer, config
 
 def clip_actions(steps: Steps, env: Env, config: Config) -> Steps:
     """Clips actions to the environment's bounds if `config.actions` is "clipped"; else returns `steps` unchanged."""
-    if config.actions == "sampled":
+    if config.actions == "sampled" or steps.action is None:
         return steps
     limit = rollout.action_limit(env)
     return steps._replace(action=jnp.clip(steps.action, -limit, limit))
@@ -110,11 +110,11 @@ def normalize_obs(agent: Agent, steps: Steps) -> Steps:
 def end_iteration(agent: Agent, policy: PyTree, raw: Transition, config: Config) -> Agent:
     """The agent after an iteration: with the new policy, and with updated statistics if they are running ones."""
     running = config.normalize_obs == "running"
-    stats = normalize.update(agent.obs_stats, raw.obs) if running else agent.obs_stats
+    stats = horizon.update_stats(agent.obs_stats, raw.obs, config) if running else agent.obs_stats
     return Agent(agent.iteration + 1, agent.rollout, stats, policy)
 
 
 def sample_action(agent: Agent, obs: jax.Array, key: Key | None, optimizer: PolicyOptimizer) -> jax.Array:
     """Actions `[..., act]` for raw observations `[..., obs]`: samples of the policy, or its means if key is None."""
-    pi = distribution(agent, obs, optimizer)
+    pi = distribution(agent, horizon.living(obs, agent.obs_stats.mean.shape[-1]), optimizer)
     return pi.mean if key is None else pi.sample(jax.random.normal(key, pi.mean.shape))

@@ -27,8 +27,13 @@ class Config:
     """Environments that run in parallel. One iteration collects num_envs x rollout_length environment steps."""
     rollout_length: int = 100
     """Steps of each environment in one iteration."""
-    episode_length: int = 100
-    """Time limit of an episode, in environment steps."""
+    episode_length: int = 0
+    """Time limit of an episode, in environment steps; 0 for the task's own (`env.episode_length`)."""
+    horizon: str = "default"
+    """How learning treats an episode that the task ends. "fixed": the simulation goes on until the time limit.
+    "absorbing": an absorbing state follows until the time limit, for expert and policy alike (Kostrikov et al. 2019).
+    "variable": the episode ends, and the sign of the reward decides how long a policy wants to live. "default" is
+    "fixed" for a learned reward and "variable" for the true reward."""
     iterations: int = 100
     """Iterations of the whole run; annealed rates reach their final values after the last."""
 
@@ -157,9 +162,9 @@ class Config:
         for name in AT_LEAST_1:
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {getattr(self, name)}: expected at least 1")
-        for name in ("history_length", "policy_reset_every"):
+        for name in ("history_length", "policy_reset_every", "episode_length"):
             if getattr(self, name) < 0:
-                raise InputError(f"{name} = {getattr(self, name)}: expected 0 or more iterations")
+                raise InputError(f"{name} = {getattr(self, name)}: expected 0 or more")
         for name in ("hidden", "policy_hidden", "value_hidden"):
             if min(getattr(self, name), default=0) < 1:
                 raise InputError(
@@ -192,7 +197,6 @@ class Config:
 AT_LEAST_1 = (
     "num_envs",
     "rollout_length",
-    "episode_length",
     "iterations",
     "ppo_epochs",
     "ppo_minibatches",
@@ -224,6 +228,7 @@ METHOD_DEFAULTS: dict[str, tuple[str, ...]] = {
 CHOICES: dict[str, tuple] = {
     "activation": ("relu", "tanh"),
     "actions": ("sampled", "clipped"),
+    "horizon": ("default", "fixed", "absorbing", "variable"),
     "normalize_obs": ("task", "running", "none"),
     "reward_obs": ("normalized", "raw"),
     "optimizer": ("ppo", "trpo"),

@@ -7,26 +7,40 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from eairl_jax import agent, discriminator, empowerment, replay, train_state
+from eairl_jax import agent, discriminator, empowerment, horizon, methods, replay, train_state
 from eairl_jax.config import Config
 from eairl_jax.errors import InputError
 from eairl_jax.gaussian import Gaussian
-from eairl_jax.types import Demonstrations, HParams, Key, PyTree, Transition
+from eairl_jax.types import Demonstrations, Env, HParams, Key, PyTree, Transition
 
 Steps = Transition | Demonstrations
+
+
+def check_whole_trajectories(env: Env, config: Config) -> None:
+    """Checks that every trajectory is an episode of full length if the method discriminates trajectories.
+
+    Raises:
+      InputError: if episodes of the environment, as learning treats them, may end early.
+    """
+    if config.discriminates == "trajectories" and horizon.can_end(env):
+        raise InputError(
+            f"{config.method} discriminates whole trajectories of {config.episode_length} steps, and with horizon "
+            "variable an episode may end early: choose the horizon fixed or absorbing, or another method"
+        )
 
 
 def check_segments(config: Config, demo_length: int | None = None) -> None:
     """Checks that rollouts and demonstrations consist of whole episodes if the method discriminates trajectories.
 
-    The check can only compare lengths. GAN-GCL is not for environments that end episodes before
-    `config.episode_length`.
+    Args:
+      demo_length: steps of an episode of the demonstrations, or of all of them.
 
     Raises:
       InputError: if a length is not a multiple of `config.episode_length`.
     """
     for name, length in (("rollout_length", config.rollout_length), ("the length of the demonstrations", demo_length)):
-        if config.discriminates == "trajectories" and length and length % config.episode_length:
+        is_checked = config.discriminates == "trajectories" and config.episode_length > 0
+        if is_checked and length and length % config.episode_length:
             raise InputError(
                 f"{config.method} discriminates whole trajectories: {name} = {length} must be a multiple of "
                 f"episode_length = {config.episode_length}; change one of the two"
@@ -43,14 +57,20 @@ def draw_minibatches(
       raw: `[T, N, ...]` the policy's samples of this iteration.
 
     Raises:
-      InputError: see `check_segments`.
+      InputError: see `check_segments`; or if the method needs actions of the expert and there are none.
     """
-    check_segments(config, demos.reward.shape[1])
+    steps = horizon.step_count(demos, config)
+    check_segments(config, steps if isinstance(steps, int) else None)
     length = config.episode_length if config.discriminates == "trajectories" else 1
     updates, batch = config.discriminator_updates, -(-config.discriminator_batch // length)
     expert_key, policy_key = jax.random.split(key)
-    segments = jax.random.randint(expert_key, (updates, batch), 0, demos.reward.size // length)
-    expert = train_state.take_samples(demos, 2, train_state.segment_indices(segments, length))
+    if demos.action is None and methods.needs_expert_actions(config):
+        raise InputError(
+            f"{config.method} with the reward form {config.reward_form} needs the expert's actions, and these "
+            f"demonstrations hold none: {methods.STATE_ONLY_ADVICE}"
+        )
+    segments = jax.random.randint(expert_key, (updates, batch), 0, steps // length)
+    expert = horizon.take_steps(demos, train_state.segment_indices(segments, length), config)
     return expert, replay.draw_segments(policy_key, past, raw, (updates, batch, length), config)
 
 
@@ -64,7 +84,12 @@ def for_loss(
 ) -> discriminator.Samples:
     """Samples for the discriminator's loss: log pi(a|s) is that of the current policy `pi`, Phi(s') is Phi'(s')."""
     x = agent.normalize_obs(acting, raw)
-    log_prob = pi(x.obs).log_prob(x.action)
+    action_pi = pi(x.obs)
+    if x.action is None:  # a method that needs no actions of the expert reads neither of the two
+        x = x._replace(action=jnp.zeros_like(action_pi.mean))
+        log_prob = jnp.zeros(x.terminated.shape)
+    else:
+        log_prob = action_pi.log_prob(x.action)
     next_params = emp.phi_target if emp else None
     return _samples(raw, x, log_prob, _phi_shaping(x, emp, next_params, hparams, config), config)
 
@@ -87,7 +112,14 @@ def for_policy_reward(
 def _samples(raw: Steps, x: Steps, log_prob: jax.Array, phi_shaping, config: Config) -> discriminator.Samples:
     """Joins the parts; `x` is `raw` with normalised observations."""
     reward_input = raw if config.reward_obs == "raw" else x
-    return discriminator.Samples(reward_input.obs, x.action, reward_input.next_obs, x.terminated, log_prob, phi_shaping)
+    return discriminator.Samples(
+        obs=reward_input.obs,
+        action=horizon.executed(raw.obs, x.action, config),
+        next_obs=reward_input.next_obs,
+        terminated=x.terminated,
+        log_prob=log_prob * horizon.alive(raw.obs, config),
+        phi_shaping=phi_shaping,
+    )
 
 
 def _phi_shaping(

@@ -27,8 +27,9 @@ def evaluate(
 
     Returns:
       `(returns [episodes], steps)`. A return is the sum of the true rewards up to the end of the episode. `steps` is a
-      dict of `obs`, `action` (unclipped), `next_obs`, `reward`, `terminated`, each `[episodes, episode_length, ...]`.
-      After the end of an episode `reward` and `terminated` are 0.
+      dict of `obs`, `action` (unclipped), `next_obs`, `reward`, `terminated` and `valid`, each `[episodes,
+      episode_length, ...]`. `valid` is 0 for the steps after the end of an episode; `reward` and `terminated` are 0
+      there too. `demonstrations.from_steps` makes demonstrations of the valid steps.
     """
     reset_key, key = jax.random.split(key)
     state = jax.vmap(env.reset)(jax.random.split(reset_key, episodes))
@@ -45,6 +46,7 @@ def evaluate(
             "next_obs": state.obs,
             "reward": state.reward * alive,
             "terminated": state.done * alive,
+            "valid": alive,
         }
         return (state, alive * (1.0 - state.done)), steps
 
@@ -58,11 +60,11 @@ def reward_per_step(reward: Callable[[Transition], jax.Array], steps: dict[str, 
 
     Args:
       reward: `raw transitions [E, T, ...] -> reward [E, T]`.
-      steps: as `evaluate` returns them, or the fields of `Demonstrations`; `[E, T, ...]`.
+      steps: as `evaluate` and `demonstrations.to_steps` return them, `[E, T, ...]`.
     """
-    before_end = 1.0 - jnp.cumsum(steps["terminated"], axis=1) + steps["terminated"]
     zeros = jnp.zeros_like(steps["reward"])
-    return (reward(Transition(**steps, log_prob=zeros, truncated=zeros)) * before_end).mean()
+    fields = {name: x for name, x in steps.items() if name != "valid"}
+    return (reward(Transition(**fields, log_prob=zeros, truncated=zeros)) * steps["valid"]).mean()
 
 
 def random_policy(env: Env) -> Act:

@@ -16,6 +16,7 @@ from eairl_jax import (
     discriminator,
     discriminator_data,
     empowerment,
+    horizon,
     methods,
     normalize,
     replay,
@@ -64,11 +65,14 @@ def make_irl(env: Env, config: Config) -> Algorithm:
     """Builds the adversarial method that `config.method` names; the `data` of its `step` is `Demonstrations`.
 
     Raises:
-      InputError: if the method is unknown, if the environment's observations are not flat vectors, or if the method
-        discriminates whole trajectories and a rollout does not consist of whole episodes.
+      InputError: if the method is unknown, if the environment's observations are not flat vectors, if there is no time
+        limit, or if the method discriminates whole trajectories and a rollout does not consist of whole episodes.
     """
-    config = methods.with_method_defaults(config)
+    config = horizon.resolved(env, methods.with_method_defaults(config), "fixed")
+    horizon.warn_if_variable(env, config)
+    env = horizon.learning_env(env, config)
     discriminator_data.check_segments(config)
+    discriminator_data.check_whole_trajectories(env, config)
     obs_size, action_size = normalize.flat_size(env), env.action_size
     optimizer, limit = make_optimizer(env, config), rollout.action_limit(env)
 
@@ -141,13 +145,16 @@ def learned_reward(state: IRLState) -> RewardParams:
 def reward_function(config: Config) -> Callable[[RewardParams, jax.Array, jax.Array], jax.Array]:
     """`(RewardParams, raw obs [..., obs], action [..., act]) -> reward [...]`, of the form that `config` names.
 
+    With the horizon "absorbing", observations are those of the task, or those with the entry of the absorbing state.
+
     Raises:
       InputError: if no adversarial method has the name `config.method`.
     """
     config = methods.with_method_defaults(config)
 
     def reward(learned: RewardParams, obs, action):
+        obs = horizon.living(obs, learned.obs_stats.mean.shape[-1])
         reward_obs = obs if config.reward_obs == "raw" else normalize.normalize(learned.obs_stats, obs)
-        return discriminator.reward(learned.params, reward_obs, action, config)
+        return discriminator.reward(learned.params, reward_obs, horizon.executed(obs, action, config), config)
 
     return reward

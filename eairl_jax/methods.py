@@ -109,6 +109,13 @@ METHODS: dict[str, Method] = {
         reward_form="sa",
         shaping="none",
     ),
+    "gaifo": Method(
+        summary="a classifier of (s,s') that needs no actions of the expert: g(s), shaped (after Torabi et al. 2018)",
+        logit_expert_high=gail_logit,
+        policy_reward=neg_log_one_minus_d,
+        reward_form="s",
+        shaping="learned",
+    ),
     # D = exp f(tau) / (exp f(tau) + pi(tau)); the bias of f learns 1/Z. The policy's reward of a trajectory,
     # log D - log(1 - D) = f(tau) - log pi(tau), is a sum over the transitions: each transition has its part as reward.
     "gan_gcl": Method(
@@ -120,6 +127,16 @@ METHODS: dict[str, Method] = {
         discriminates="trajectories",
     ),
 }
+
+
+STATE_ONLY_ADVICE = "choose --method gaifo, or --method gail --reward-form s"
+
+
+def needs_expert_actions(config: Config) -> bool:
+    """Whether a method, without "default" values, can only learn from demonstrations that hold actions."""
+    if config.method not in METHODS:  # behaviour cloning
+        return True
+    return METHODS[config.method].logit_expert_high is not gail_logit or config.reward_form != "s"
 
 
 def method_names() -> tuple[str, ...]:

@@ -69,11 +69,21 @@ def normalize(stats: ObsStats, obs: jax.Array) -> jax.Array:
     return jnp.clip((obs - stats.mean) * jax.lax.rsqrt(stats.var + 1e-8), -10.0, 10.0)
 
 
-def update(stats: ObsStats, obs: jax.Array) -> ObsStats:
-    """Merges a batch `[..., obs]` into running statistics (Chan et al. 1979)."""
+def update(stats: ObsStats, obs: jax.Array, weight: jax.Array | None = None) -> ObsStats:
+    """Merges a batch `[..., obs]` into running statistics (Chan et al. 1979).
+
+    Args:
+      weight: `[...]` 1 for the observations that count and 0 for the others; None if all count.
+    """
     obs = obs.reshape(-1, obs.shape[-1])
-    size = obs.shape[0]
-    mean, var = obs.mean(axis=0), obs.var(axis=0)
+    if weight is None:
+        size = obs.shape[0]
+        mean, var = obs.mean(axis=0), obs.var(axis=0)
+    else:
+        share = weight.reshape(-1, 1)
+        size = jnp.maximum(share.sum(), 1.0)
+        mean = (share * obs).sum(axis=0) / size
+        var = (share * (obs - mean) ** 2).sum(axis=0) / size
     total = stats.count + size
     delta = mean - stats.mean
     merged_var = (stats.var * stats.count + var * size + delta**2 * stats.count * size / total) / total

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
-from eairl_jax import agent, normalize, train_state
+from eairl_jax import agent, horizon, normalize, train_state
 from eairl_jax.config import Config
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.rl import Reward, RLState, make_rl, true_reward
@@ -220,7 +220,9 @@ def make_planner(env: Env, config: Config, count: int, search: Search, reward: R
     Raises:
       InputError: if the environment's observations are not flat vectors.
     """
-    optimizer, policies = make_optimizer(env, config), make_rl(env, config, reward)
+    config = horizon.resolved(env, config, "variable")
+    policies, env = make_rl(env, config, reward), horizon.learning_env(env, config)
+    optimizer = make_optimizer(env, config)
 
     def init(key: Key, hparams: HParams) -> RLState:
         return jax.vmap(policies.init, in_axes=(0, None))(jax.random.split(key, count), hparams)

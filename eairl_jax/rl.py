@@ -7,7 +7,7 @@ from collections.abc import Callable
 import jax
 from flax import struct
 
-from eairl_jax import agent
+from eairl_jax import agent, horizon
 from eairl_jax.config import Config
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.types import Algorithm, Env, HParams, Key, PyTree, Transition, no_penalty
@@ -41,8 +41,10 @@ def make_rl(env: Env, config: Config, reward: Reward = true_reward) -> Algorithm
       reward: `(data, raw transitions [T, N, ...]) -> reward [T, N]`; `data` is the `data` of `step`.
 
     Raises:
-      InputError: if the environment's observations are not flat vectors.
+      InputError: if the environment's observations are not flat vectors, or if there is no time limit.
     """
+    config = horizon.resolved(env, config, "variable")
+    env = horizon.learning_env(env, config)
     optimizer = make_optimizer(env, config)
 
     def init(key: Key, hparams: HParams) -> RLState:
@@ -54,7 +56,8 @@ def make_rl(env: Env, config: Config, reward: Reward = true_reward) -> Algorithm
         key, rollout_key, update_key = jax.random.split(state.key, 3)
         acting, raw = agent.collect(rollout_key, state.agent, env, optimizer, config)
         rewards = reward(data, raw)
-        batch = agent.normalize_obs(acting, raw)._replace(reward=rewards - hparams.temperature * raw.log_prob)
+        log_prob = raw.log_prob * horizon.alive(raw.obs, config)
+        batch = agent.normalize_obs(acting, raw)._replace(reward=rewards - hparams.temperature * log_prob)
         policy, metrics = optimizer.update(update_key, acting.policy, batch, no_penalty, (), hparams)
         metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": rewards.mean()}
         return RLState(key, agent.end_iteration(acting, policy, raw, config)), metrics

@@ -88,7 +88,7 @@ def rollout(
         truncated = (steps >= episode_length) * (1.0 - terminated)
         transition = Transition(obs, action, pi.log_prob(action), stepped.obs, stepped.reward, terminated, truncated)
         ended = (terminated + truncated) > 0
-        env_state = jax.tree.map(lambda new, old: _where(ended, new[picks_t], old), initial_states, stepped)
+        env_state = jax.tree.map(lambda new, old: where_ended(ended, new[picks_t], old), initial_states, stepped)
         carry = env_state, jnp.where(ended, 0, steps), jnp.where(ended, 0.0, episode_return)
         return carry, (transition, ended, episode_return)
 
@@ -102,6 +102,6 @@ def rollout(
     return RolloutState(*carry, mean_return), transitions
 
 
-def _where(ended: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:
+def where_ended(ended: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:
     """`new` for the environments `[N]` that ended, else `old`; both `[N, ...]`."""
     return jnp.where(ended.reshape(ended.shape + (1,) * (old.ndim - 1)), new, old)

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from flax.traverse_util import unflatten_dict
 
-from eairl_jax import irl, storage
+from eairl_jax import horizon, irl, storage
 from eairl_jax.config import Config
 from eairl_jax.errors import InputError
 from eairl_jax.normalize import ObsStats
@@ -47,6 +47,21 @@ class LearnedReward:
         if not -seeds <= seed < seeds:
             raise InputError(f"seed = {seed}: the run of this reward had {seeds} seeds; expected 0 to {seeds - 1}")
         return self._function(jax.tree.map(lambda leaf: jnp.asarray(leaf)[seed], self.params), obs, action)
+
+    def after_end(self, seed: int = 0) -> float:
+        """The reward of each step between the end of an episode and the time limit.
+
+        Raises:
+          InputError: if the reward was not learned with the horizon "absorbing": it says nothing of such steps.
+        """
+        if self.config.horizon != "absorbing":
+            raise InputError(
+                f'this reward was learned with horizon="{self.config.horizon}", so it has no value for the steps after '
+                "the end of an episode"
+            )
+        params = jax.tree.map(lambda leaf: jnp.asarray(leaf)[seed], self.params)
+        obs = horizon.absorb(jnp.zeros(self.description["obs_size"]), jnp.ones(()))
+        return float(self._function(params, obs, jnp.zeros(self.description["action_size"])))
 
     def check_sizes(self, obs_size: int, action_size: int, where: str) -> None:
         """Checks that observations and actions have the sizes of the reward.

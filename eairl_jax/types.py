@@ -58,21 +58,23 @@ class Transition(NamedTuple):
 
 
 class Demonstrations(NamedTuple):
-    """Whole expert episodes of one length, `[E, T, ...]`: E episodes of T steps. `demonstrations.load` reads them.
+    """E expert episodes of any lengths: S steps, all episodes one after another. `demonstrations.load` reads them.
 
     Attributes:
-      obs: `[E, T, obs]` s.
-      action: `[E, T, act]` a, before any clipping.
-      next_obs: `[E, T, obs]` s'.
-      reward: `[E, T]` the true reward. No algorithm reads it.
-      terminated: `[E, T]` 1 where the task ended the episode.
+      obs: `[S, obs]` s.
+      action: `[S, act]` a, before any clipping; None if the demonstrations hold no actions.
+      next_obs: `[S, obs]` s'.
+      reward: `[S]` the true reward, None if it is unknown. No algorithm reads it.
+      terminated: `[S]` 1 where the task ended the episode. An episode that just stops met its time limit.
+      lengths: `[E]` steps of each episode; their sum is S.
     """
 
-    obs: jax.Array
-    action: jax.Array
-    next_obs: jax.Array
-    reward: jax.Array
-    terminated: jax.Array
+    obs: Any
+    action: Any
+    next_obs: Any
+    reward: Any
+    terminated: Any
+    lengths: Any
 
 
 class Algorithm(NamedTuple):

@@ -100,6 +100,7 @@ class MjxTask(Env):
 
     Attributes:
       spec, model: the `mujoco.MjSpec` and the compiled model, for the C engine and for pictures.
+      ends: whether the task itself can end an episode: never.
       episode_length: steps of an episode. The caller ends the episode there.
       action_limit: actions are clipped to [-action_limit, action_limit] before they are executed.
       camera: the point of view of pictures.
@@ -108,6 +109,7 @@ class MjxTask(Env):
       gymnasium: the environment of Gymnasium that is the same task; None if Gymnasium has no such environment.
     """
 
+    ends = False
     episode_length: int
     action_limit: float = 1.0
     camera: Camera

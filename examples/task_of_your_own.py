@@ -48,7 +48,7 @@ expert, metrics = jax.jit(lambda state: eairl_jax.scan(algorithm, state, eairl_j
 )
 # Demonstrations: ten whole episodes of the expert's sampled policy.
 returns, steps = eairl_jax.evaluate(key, env, lambda obs, key: algorithm.act(expert, obs, key), 10, length)
-demos = eairl_jax.Demonstrations(**steps)
+demos = eairl_jax.demonstrations.from_steps(steps)
 print(f"the expert's true return: {returns.mean():.2f}")
 
 lanes = eairl_jax.Lanes(eairl_jax.make_irl(env, config), key[None], eairl_jax.HParams(), demos)

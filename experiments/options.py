@@ -28,8 +28,8 @@ Methods = Annotated[
     tuple[str, ...],
     arg(
         metavar="NAME",
-        help="One or more of eairl, eairl_release, airl_sa, airl_s, gail, gan_gcl, bc (to imitate); each method gets "
-        "a line in the table.",
+        help="One or more of eairl, eairl_release, airl_sa, airl_s, gail, gaifo, gan_gcl, bc (to imitate); each method "
+        "gets a line in the table.",
     ),
 ]
 Forms = Annotated[
@@ -58,6 +58,15 @@ Tuned = Annotated[
 ]
 Seeds = Annotated[int, arg(help="Number of independent runs. They are trained side by side.")]
 FirstSeed = Annotated[int, arg(help="Number of the first seed. Another number gives other random numbers.")]
+Horizon = Annotated[
+    Literal["fixed", "absorbing", "variable"] | None,
+    explained(
+        help="What follows when the task ends an episode, while learning. fixed: the simulation goes on until the time "
+        "limit. absorbing: an absorbing state until the time limit, for expert and policy. variable: nothing; the sign "
+        "of the reward then decides how long a policy wants to live. Default: fixed if all demonstrations last until "
+        "the time limit, else absorbing. Without effect in tasks that never end an episode."
+    ),
+]
 Json = Annotated[Path | None, explained(metavar="FILE", help="Write all figures to this file as well.")]
 
 
@@ -118,6 +127,7 @@ class Imitate:
     tuned: Tuned = False
     seeds: Seeds = 5
     first_seed: FirstSeed = 0
+    horizon: Horizon = None
     optimizer: Optimizer = "ppo"
     demos: Demos = None
     out: Out = None
@@ -137,6 +147,7 @@ class Sweep:
     reward_form: Annotated[str, arg(metavar="FORM", help="sa, s, separable or default.")] = "default"
     seeds: Seeds = 5
     first_seed: FirstSeed = 0
+    horizon: Horizon = None
     optimizer: Optimizer = "ppo"
     demos: Demos = None
     out: Out = None
@@ -171,6 +182,7 @@ class Transfer:
             "TARGET. Several rules share one learning and get a line each.",
         ),
     ] = ("source_retrain",)
+    horizon: Horizon = None
     optimizer: Optimizer = "ppo"
     demos: Demos = None
     reward: Annotated[
@@ -290,6 +302,7 @@ class Bench:
     task: Task
     method: Methods = ("eairl",)
     reward_form: Forms = ("default",)
+    horizon: Horizon = None
     demos: Demos = None
     json: Json = None
     iterations: int = 20

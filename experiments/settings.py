@@ -192,7 +192,7 @@ EMPOWERMENT = frozenset(
     | {"phi_sync_interval", "l_i_power", "l_i_actions", "l_i_in", "policy_phi"}
 )
 ADVERSARY = frozenset(
-    {"discriminator_lr", "history", "history_length", "policy_reset_every", "shaping", "shaping_discount"}
+    {"discriminator_lr", "history", "history_length", "policy_reset_every", "shaping", "shaping_discount", "horizon"}
     | {"reward_form", "reward_obs", "action_part", "discriminates", "update_order", "hidden"}
     | {"gradient_penalty", "action_variance", "input_sparsity"}
 )

@@ -61,9 +61,10 @@ class Toy:
 
     observation_size = 4
     action_size = 2
+    episode_length = 5
 
     def __init__(self, ends_at: int | None = None, action_limit: float | None = None, scale: tuple | None = None):
-        self.ends_at = ends_at
+        self.ends_at, self.ends = ends_at, ends_at is not None
         if scale is not None:
             self.obs_mean, self.obs_std = scale
         if action_limit is not None:
@@ -116,29 +117,47 @@ def tiny():
         "num_envs": 4, "rollout_length": 6, "episode_length": 5, "iterations": 10, "hidden": (8,),
         "policy_hidden": (8,), "value_hidden": (8,), "ppo_epochs": 2, "ppo_minibatches": 2, "history_length": 1,
         "discriminator_updates": 2, "discriminator_batch": 8, "empowerment_updates": 2, "empowerment_batch": 8,
-        "phi_sync_interval": 2,
+        "phi_sync_interval": 2, "horizon": "variable",
     }  # fmt: skip
     return lambda **changes: Config(**(sizes | changes))
 
 
 @pytest.fixture(scope="session")
-def demos():
+def flat():
+    """`Demonstrations` of arrays `[E, T, ...]`: obs, action, next_obs, reward, terminated."""
+
+    def make(*arrays):
+        episodes, steps = arrays[0].shape[:2]
+        rows = (np.asarray(x).reshape(episodes * steps, *x.shape[2:]) for x in arrays)
+        return Demonstrations(*rows, np.full(episodes, steps, np.int32))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def demos(flat):
     """Three made-up expert episodes of five steps in `Toy`."""
     rng = np.random.default_rng(0)
 
     def draw(*tail):
-        return jnp.asarray(rng.normal(size=(3, 5, *tail)), jnp.float32)
+        return rng.normal(size=(3, 5, *tail)).astype(np.float32)
 
-    return Demonstrations(draw(4), 0.5 + 0.1 * draw(2), draw(4), draw(), jnp.zeros((3, 5)))
+    obs, action = draw(4), 0.5 + 0.1 * draw(2)
+    next_obs = np.concatenate([obs[:, 1:], draw(4)[:, :1]], axis=1)
+    return jax.tree.map(jnp.asarray, flat(obs, action, next_obs, draw(), np.zeros((3, 5), np.float32)))
 
 
 @pytest.fixture(scope="session")
 def built(toy, tiny):
-    """`(algorithm, jitted init, jitted step)` of a method in a scaled `Toy`; compiled once a session."""
+    """`(algorithm, jitted init, jitted step)` of a method in a scaled `Toy`; compiled once a session.
+
+    The episodes of the `Toy` end early, except for a method that needs whole ones.
+    """
 
     @functools.cache
     def build(**changes):
-        algorithm = eairl_jax.make_irl(toy(ends_at=4, scale=SCALE), tiny(**changes))
+        ends_at = None if "gan_gcl" in changes.values() or "trajectories" in changes.values() else 4
+        algorithm = eairl_jax.make_irl(toy(ends_at=ends_at, scale=SCALE), tiny(**changes))
         return algorithm, jax.jit(algorithm.init), jax.jit(algorithm.step)
 
     return build

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import jax
-import numpy as np
 
 from eairl_jax import Demonstrations, InputError, demonstrations, evaluate
 from eairl_jax.experiments.display.console import console
@@ -25,16 +24,18 @@ def run(options: Collect, command_line: str) -> None:
         raise InputError(f"--episodes {episodes}: expected at least 1")
     env = make_env(task)
     expert = best_expert(options.expert or RUNS / f"expert-{task}", task)
-    path = options.out or Path("demos") / f"{task}.npz"
+    path = demonstrations.npz_path(options.out or Path("demos") / f"{task}.npz")
     check_writable(path)
     scores = _scores(expert, options.seed)
     demos = _collect(expert, episodes, options.seed)
-    returns = demos.reward.sum(axis=1)
+    returns = demonstrations.returns(demos)
+    assert returns is not None
     provenance = {
         "command_line": command_line,
         "task": task,
         "episodes": episodes,
         "episode_length": env.episode_length,
+        "lengths": demos.lengths.tolist(),
         "seed": options.seed,
         "returns": [float(value) for value in returns],
         **scores,
@@ -72,4 +73,4 @@ def _collect(expert: Policies, episodes: int, seed: int) -> Demonstrations:
         return expert.algorithm.act(state, obs, key)
 
     collect = jax.jit(lambda key: evaluate(key, expert.env, act, episodes, expert.env.episode_length)[1])
-    return Demonstrations(**jax.tree.map(np.asarray, collect(jax.random.PRNGKey(DEMO_SEED + seed))))
+    return demonstrations.from_steps(collect(jax.random.PRNGKey(DEMO_SEED + seed)))

@@ -18,7 +18,7 @@ from eairl_jax.experiments.pipeline.run import run as run_experiment
 from eairl_jax.experiments.pipeline.train import RUNS
 
 # The options that say how a reward is learned.
-LEARNING = ("method", "reward_form", "tuned", "seeds", "first_seed", "rule", "demos", "set")
+LEARNING = ("method", "reward_form", "tuned", "seeds", "first_seed", "rule", "demos", "horizon", "set")
 
 
 def run(options: Transfer, command_line: str) -> None:

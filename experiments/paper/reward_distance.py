@@ -7,6 +7,7 @@ distance.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -25,6 +26,8 @@ from eairl_jax.experiments.pipeline.policies import Policies
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import worth
 from eairl_jax.experiments.pipeline.train import CLOSENESS, lane_keys
+from eairl_jax.horizon import can_end
+from eairl_jax.rollout import where_ended
 from eairl_jax.storage import read_json, write_json
 from eairl_jax.types import Key, PyTree
 
@@ -55,7 +58,7 @@ def walk(key: Key, env: MjxTask, act: Callable[[jax.Array, Key], jax.Array], con
       config: of the reward, which decides whether it is given sampled or clipped actions.
 
     Returns:
-      `[T * EPISODES, ...]`, the first step of every episode first.
+      `[T * EPISODES, ...]`, the first step of every episode first. An episode that ends begins again.
     """
     reset_key, key = jax.random.split(key)
     start = jax.vmap(env.reset)(jax.random.split(reset_key, EPISODES))
@@ -63,7 +66,8 @@ def walk(key: Key, env: MjxTask, act: Callable[[jax.Array, Key], jax.Array], con
     def step(before, key):
         action = act(before.obs, key)
         after = jax.vmap(env.step)(before, action)  # which clips the action
-        return after, clip_actions(Transitions(before, action, after), env, config)
+        goes_on = jax.tree.map(functools.partial(where_ended, after.done > 0), start, after) if can_end(env) else after
+        return goes_on, clip_actions(Transitions(before, action, after), env, config)
 
     _, transitions = jax.lax.scan(step, start, jax.random.split(key, env.episode_length))
     return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), transitions)

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from eairl_jax import InputError, evaluate, load_reward, plans
+from eairl_jax import InputError, evaluate, horizon, load_reward, plans
 from eairl_jax.agent import clip_actions
 from eairl_jax.experiments.pipeline import policies
 from eairl_jax.experiments.pipeline.experiment import Reference, Target
@@ -29,6 +29,7 @@ from eairl_jax.experiments.pipeline.stages import (
     JUDGED_EPISODES,
     RANDOM,
     Training,
+    expert_steps,
     final_rewards,
     random_steps,
     rewards_of,
@@ -38,6 +39,7 @@ from eairl_jax.experiments.pipeline.stages import (
 from eairl_jax.experiments.pipeline.train import DIAGNOSE, JUDGE, Start, final_returns, lane_keys, train
 from eairl_jax.plans import Search
 from eairl_jax.policy_optimizers import make_optimizer
+from eairl_jax.rollout import action_limit
 from eairl_jax.storage import read_json, write_json
 from eairl_jax.types import PyTree
 
@@ -182,7 +184,7 @@ def diagnose(path: Path, target: Target, others: Sequence[Played] = ()) -> Diagn
     """
     if not (path / "reward").is_dir():
         raise InputError(f"{path} holds no reward/: give the folder of a finished `eairl transfer`")
-    if target.demos is None:
+    if target.demos is None or target.demos.action is None:
         raise InputError(f"{target.task} has no demonstrations to compare with: put some into the package's data/")
     for other in others:
         if other.task != target.task:
@@ -192,13 +194,12 @@ def diagnose(path: Path, target: Target, others: Sequence[Played] = ()) -> Diagn
     trained, reward = policies.load(path), load_reward(path / "reward")
     labels = [{"seed": seed} for seed in trained.seeds]
     training = Training(target, reward, labels, DIAGNOSE)
-    expert = clip_actions(target.demos, target.env, training.config)
     scored = read_json(path / "summary.json")["returns"]
     random = random_steps(target.env, JUDGED_EPISODES)
     behaviours = {
         TRAINED: Behaviour(worth(RunFolder(path, trained.settings)).kept, np.array(scored)),
         FROM_EXPERT: _from_expert(RunFolder(path / "from_expert", {"part": "from the expert"}), training),
-        EXPERT: _of_steps(training, expert._asdict(), target.reference.expert),
+        EXPERT: _of_steps(training, expert_steps(training), target.reference.expert),
         BEST_PLAN: _best_plan(training),
         **{f"policies of {other.name}": _of_policies(training, other) for other in others},
         RANDOM: _of_steps(training, random, target.reference.random),
@@ -232,9 +233,10 @@ def _clones(training: Training, fresh: PyTree) -> PyTree:
     """The states `[seeds, ...]` with policies that act as the target's demonstrations; only their means differ."""
     target, config = training.target, training.config
     assert target.demos is not None
-    optimizer = make_optimizer(target.env, config)
-    demos = clip_actions(target.demos, target.env, config)
-    samples = jnp.asarray(demos.obs), jnp.asarray(demos.action), jnp.ones(demos.reward.shape)
+    env = horizon.learning_env(target.env, config)
+    optimizer, demos = make_optimizer(env, config), clip_actions(target.demos, target.env, config)
+    obs = horizon.living(jnp.asarray(demos.obs), env.observation_size)
+    samples = obs[None], jnp.asarray(demos.action)[None], jnp.ones((1, len(obs)))
 
     @jax.jit
     @jax.vmap
@@ -248,12 +250,13 @@ def _clones(training: Training, fresh: PyTree) -> PyTree:
 
 def _best_plan(training: Training) -> Behaviour:
     """For each reward the plan that it pays most for, of the same random plans."""
-    env, count = training.target.env, JUDGED_EPISODES * 16
+    env, count = horizon.learning_env(training.target.env, training.config), JUDGED_EPISODES * 16
+    length = training.target.env.episode_length
 
     @jax.jit
     def judge(key, params):
         draw_key, simulate_key = jax.random.split(key)
-        drawn = plans.draw(draw_key, count, env.episode_length, env.action_size, env.action_limit)
+        drawn = plans.draw(draw_key, count, length, env.action_size, action_limit(env))
         raw = plans.simulate(simulate_key, env, drawn)
         true = (raw.reward * (1.0 - raw.truncated)).sum(axis=0)
         paid = jax.vmap(lambda each: plans.scores(lambda batch: training.function(each, batch), raw))(params)

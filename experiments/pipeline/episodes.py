@@ -48,10 +48,13 @@ def play(policies: Policies, lanes: Sequence[int] | None = None) -> Episodes:
         def step(state, key):
             action = algorithm.act(policy, state.obs[None], key)[0]
             after = env.step(state, action)  # which clips the action
-            return after, (positions(after), after.reward)
+            return after, (positions(after), after.reward, after.done)
 
-        _, (qpos, reward) = jax.lax.scan(step, start, jax.random.split(key, env.episode_length))
-        return jax.numpy.concatenate([positions(start)[None], qpos]), reward.sum()
+        _, (qpos, reward, done) = jax.lax.scan(step, start, jax.random.split(key, env.episode_length))
+        alive = jax.numpy.cumsum(done) - done == 0
+        # After its end the episode stands still.
+        qpos = qpos[jax.numpy.minimum(jax.numpy.arange(len(qpos)), alive.sum() - 1)]
+        return jax.numpy.concatenate([positions(start)[None], qpos]), (reward * alive).sum()
 
     states = jax.tree.map(jax.numpy.asarray, take_lanes(policies.state, np.array(lanes)))
     qpos, returns = episode(states, lane_keys(EVALUATE, [policies.seeds[lane] for lane in lanes]))

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import jax
+import numpy as np
 
-from eairl_jax import Demonstrations, HParams, InputError, demonstrations, envs, evaluate, random_policy
+from eairl_jax import Demonstrations, HParams, InputError, demonstrations, envs, evaluate, horizon, random_policy
 from eairl_jax.config import Config, choose
 from eairl_jax.discriminator_data import check_segments
 from eairl_jax.envs.mjx_task import MjxTask
@@ -29,7 +30,7 @@ from eairl_jax.experiments.settings import (
     recipe,
     refuse_unread,
 )
-from eairl_jax.methods import METHODS, method_names, with_method_defaults
+from eairl_jax.methods import METHODS, STATE_ONLY_ADVICE, method_names, needs_expert_actions, with_method_defaults
 
 SCORE_EPISODES = 500
 RANDOM_SEED = 20_000
@@ -104,8 +105,18 @@ class Target:
         }
 
     def for_reward(self, learned: Config) -> Target:
-        """The target for a reward learned with the configuration `learned`: `actions` are those the reward knows."""
-        return self.with_config(actions=learned.actions)
+        """The target for a reward learned with the configuration `learned`.
+
+        The reward fixes the kind of actions and, where the target may end an episode, the horizon.
+        """
+        horizon_learned = "fixed" if learned.horizon == "default" else learned.horizon
+        return self.with_config(
+            actions=learned.actions, horizon=horizon_learned if horizon.can_end(self.env) else "default"
+        )
+
+    def with_horizon(self, learned: Config) -> Target:
+        """The target with the horizon of a reward learned with the configuration `learned`."""
+        return self.with_config(horizon=self.for_reward(learned).recipe.config.horizon)
 
     def with_config(self, **changes) -> Target:
         """The target with changes of its recipe's configuration."""
@@ -304,7 +315,8 @@ def transfers(options: Transfer) -> list[Experiment]:
                 f"{learning.name} learns no reward to transfer: choose one of {', '.join(METHODS)}, or --rule policy"
             )
         for text in options.rule:
-            use = Use(target, back_home, Rule.parse(text, learning.recipe, back_home.recipe))
+            rule = Rule.parse(text, learning.recipe, back_home.recipe)
+            use = Use(target.with_horizon(learning.config), back_home.with_horizon(learning.config), rule)
             experiments.append(dataclasses.replace(learning, use=use))
     return experiments
 
@@ -324,6 +336,7 @@ def sweeps(options: Sweep) -> Experiment:
         reward_form=(options.reward_form,),
         seeds=options.seeds,
         first_seed=options.first_seed,
+        horizon=options.horizon,
         optimizer=options.optimizer,
         demos=options.demos,
         set=(*fixed, *largest),
@@ -369,17 +382,53 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
         choose("method", method, method_names())
     source = _source(task, env, options.demos)
     recipes = [
-        recipe(task, env, purpose, {"method": method, "reward_form": form} | overrides, tuned)
+        recipe(
+            task,
+            env,
+            purpose,
+            {"method": method, "reward_form": form} | overrides | horizon_of(options, source, method),
+            tuned,
+        )
         for method in options.method
         for form in (options.reward_form if method in METHODS else ("default",))
     ]
     refuse_unread([each.config for each in recipes], overrides)
     for each in recipes:
-        if each.config.method in METHODS:
-            check_segments(with_method_defaults(each.config), source.demos.reward.shape[1])
+        check_demonstrations(source, each.config)
     is_changed = bool(set(overrides) - BUDGET)
     experiments = [Experiment(source, each, seeds, "tuned" if tuned else "", is_changed) for each in recipes]
     return list({experiment.name: experiment for experiment in experiments}.values())
+
+
+def horizon_of(options: Imitate | Transfer | Bench, source: Source, method: str) -> dict[str, str]:
+    """The setting of `Config.horizon`, if the task can end an episode and the method learns a reward.
+
+    Without `--horizon` it is "fixed" if all demonstrations last until the time limit, else "absorbing".
+    """
+    if method not in METHODS or not horizon.can_end(source.env):
+        return {}
+    limit = source.env.episode_length
+    default = "absorbing" if horizon.ends_early(source.demos, limit) else "fixed"
+    return {"horizon": getattr(options, "horizon", None) or default}
+
+
+def check_demonstrations(source: Source, config: Config) -> None:
+    """Checks that a method can learn from demonstrations.
+
+    Raises:
+      InputError: if the demonstrations do not fit the task, the time limit, the horizon or the method.
+    """
+    where = str(source.demos_path)
+    demonstrations.check_fits(source.demos, source.env, where)
+    is_cloning = config.method not in METHODS
+    config = config if is_cloning else with_method_defaults(config)
+    resolved = horizon.resolved(source.env, config, "variable" if is_cloning else "fixed")
+    horizon.check_demonstrations(source.demos, resolved, where)
+    if source.demos.action is None and needs_expert_actions(config):
+        raise InputError(f"{where} holds no actions, which {config.method} needs: {STATE_ONLY_ADVICE}")
+    if not is_cloning:
+        for length in np.unique(horizon.learned_lengths(source.demos, resolved)):
+            check_segments(resolved, int(length))
 
 
 def _seeds(options: Imitate | Transfer | Bench) -> range:
@@ -496,9 +545,16 @@ def _reference(task: str, env: MjxTask, path: Path, demos: Demonstrations) -> Re
             f"{path.with_suffix('.json')} describes {provenance.get('task')!r}, not {task!r}: give demonstrations "
             f"of {task!r}"
         )
-    expert = provenance.get("expert_return", float(demos.reward.sum(axis=1).mean()))
+    expert = provenance.get("expert_return", _mean_return(path, demos))
     random = provenance["random_return"] if "random_return" in provenance else random_return(env)
     return Reference(expert, random)
+
+
+def _mean_return(path: Path, demos: Demonstrations) -> float:
+    returns = demonstrations.returns(demos)
+    if returns is None:
+        raise InputError(f"{path} holds no rewards, and no expert_return stands in the JSON beside it")
+    return float(returns.mean())
 
 
 def random_return(env: MjxTask) -> float:

@@ -26,6 +26,8 @@ from eairl_jax.experiments.settings import SETTINGS, TRIALS, Recipe
 from eairl_jax.storage import read_json, write_json
 
 MINIMUM_FREE_BYTES = 50_000_000
+# Defaults that have changed. The folders of runs are named after the settings that differ from these values.
+FORMER_DEFAULTS = {"episode_length": 100}
 PACKAGES = ("eairl-jax", "jax", "brax", "mujoco", "mujoco-mjx", "flax", "optax", "orbax-checkpoint", "numpy")
 
 
@@ -230,6 +232,8 @@ def _default(name: str) -> Any:
     if name in TRIALS:
         return getattr(Recipe, name)
     group, _, setting = name.rpartition(".")
+    if setting in FORMER_DEFAULTS:
+        return FORMER_DEFAULTS[setting]
     default = SETTINGS.get(setting) if group.endswith(("config", "hparams")) else None
     return list(default) if isinstance(default, tuple) else default
 

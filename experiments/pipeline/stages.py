@@ -21,7 +21,9 @@ from eairl_jax import (
     InputError,
     Lanes,
     LearnedReward,
+    demonstrations,
     evaluate,
+    horizon,
     learned_reward,
     load_reward,
     make_bc,
@@ -251,7 +253,10 @@ class Training:
     @property
     def config(self) -> Config:
         """The static settings of the policies. A learned reward fixes the kind of their actions."""
-        target = self.target.for_reward(self.reward.config) if self.reward else self.target
+        # The true reward is that of the episodes as they are.
+        target = (
+            self.target.for_reward(self.reward.config) if self.reward else self.target.with_config(horizon="default")
+        )
         return target.recipe.config
 
     def hparams(self, labels: list[Lane]) -> HParams:
@@ -439,7 +444,7 @@ def _judge(folder: RunFolder, training: Training, algorithm: Algorithm, state: P
     policies = final_rewards(training, algorithm, state, training.labels * restarts)
     compared = {RANDOM: rewards_of(training, random_steps(target.env, JUDGED_EPISODES))}
     if target.demos is not None:
-        compared[EXPERT] = rewards_of(training, clip_actions(target.demos, target.env, training.config)._asdict())
+        compared[EXPERT] = rewards_of(training, expert_steps(training))
     if target.recipe.trials > target.recipe.random_trials:
         compared[BEST_PLAN] = np.array(read_json(trials_folder(folder).path / PLANS)["learned_per_step"])
     content = {
@@ -462,7 +467,8 @@ def final_rewards(training: Training, algorithm: Algorithm, state: PyTree, label
             return algorithm.act(state, obs, key)
 
         _, steps = evaluate(key, env, act, JUDGED_EPISODES, env.episode_length)
-        return reward_per_step(lambda batch: training.function(params, batch), steps)
+        seen = horizon.extended(steps, training.config)
+        return reward_per_step(lambda batch: training.function(params, batch), seen)
 
     keys = lane_keys(JUDGE, *([label[name] for label in labels] for name in labels[0]))
     lanes = jax.tree.map(jnp.asarray, (state, training.params(len(labels) // len(training.labels))))
@@ -471,12 +477,21 @@ def final_rewards(training: Training, algorithm: Algorithm, state: PyTree, label
 
 def rewards_of(training: Training, steps: dict[str, np.ndarray]) -> np.ndarray:
     """Mean reward a step `[rewards]` of the same episodes `[E, T, ...]`, of each reward."""
+    seen = horizon.extended(steps, training.config)
 
     def lane_reward(params):
-        return reward_per_step(lambda batch: training.function(params, batch), steps)
+        return reward_per_step(lambda batch: training.function(params, batch), seen)
 
     params = jax.tree.map(jnp.asarray, training.params(1))
     return np.asarray(jax.jit(jax.vmap(lane_reward, axis_size=len(training.labels)))(params))
+
+
+def expert_steps(training: Training) -> dict[str, np.ndarray]:
+    """The target's demonstrations as episodes `[E, T, ...]`, with the actions that the reward reads."""
+    target = training.target
+    assert target.demos is not None
+    demos = clip_actions(target.demos, target.env, training.config)
+    return demonstrations.to_steps(demos, target.env.episode_length)
 
 
 @functools.cache
@@ -529,6 +544,7 @@ def last_tenth(curves: np.ndarray) -> np.ndarray:
 
 def ceiling(target: Target, seeds: Sequence[int], out: Path) -> list[float]:
     """True return of each seed's policy trained on the true reward under the same budget; trained once in `out`."""
+    target = target.with_config(horizon="default")
     settings = target.settings() | {"seeds": list(seeds), "reward": "true"}
     folder = RunFolder(out / f"ceiling-{target.task}-{settings_digest(settings)}", settings)
     summary = folder.summary()

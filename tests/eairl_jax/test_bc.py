@@ -17,8 +17,10 @@ BIAS = np.array([0.2, -0.1], np.float32)
 
 def made_of(obs, action):
     """Demonstrations of these observations and actions `[E, T, ...]`."""
-    rest = jnp.zeros(obs.shape[:2])
-    return Demonstrations(jnp.asarray(obs), jnp.asarray(action), jnp.asarray(obs), rest, rest)
+    episodes, steps = obs.shape[:2]
+    obs, action = (jnp.asarray(x).reshape(episodes * steps, -1) for x in (obs, action))
+    rest = jnp.zeros(episodes * steps)
+    return Demonstrations(obs, action, obs, rest, rest, jnp.full(episodes, steps))
 
 
 @pytest.fixture

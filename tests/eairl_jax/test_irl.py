@@ -127,7 +127,7 @@ def test_no_gradient_of_the_discriminators_loss_reaches_phi(built, demos):
 
 
 @pytest.mark.parametrize(("method", "length"), [("eairl", 1), ("gan_gcl", 2)])
-def test_the_discriminators_loss_by_hand_with_log_pi_of_the_current_policy(toy, tiny, numpy_f, method, length):
+def test_the_discriminators_loss_by_hand_with_log_pi_of_the_current_policy(toy, tiny, flat, numpy_f, method, length):
     """One sample an iteration and one of the expert: then the random minibatches hold nothing random.
 
     A sample is a transition, or a trajectory, whose logit is the sum of its transitions'.
@@ -137,9 +137,8 @@ def test_the_discriminators_loss_by_hand_with_log_pi_of_the_current_policy(toy, 
     algorithm, policy_of, own = make_irl(toy(), config), ppo(4, 2, config).distribution, with_method_defaults(config)
     hparams = HPARAMS.replace(policy_lr=0.2, entropy_weight=0.1)
     rng = np.random.default_rng(0)
-    demos = Demonstrations(*(rng.uniform(-0.5, 0.5, (1, length, *tail)).astype(np.float32) for tail in (
-        (4,), (2,), (4,), ()
-    )), np.zeros((1, length), np.float32))  # fmt: skip
+    draws = (rng.uniform(-0.5, 0.5, (1, length, *tail)).astype(np.float32) for tail in ((4,), (2,), (4,), ()))
+    one_episode = flat(*draws, np.zeros((1, length), np.float32))
     step = jax.jit(algorithm.step)
     state = jax.jit(algorithm.init)(jax.random.PRNGKey(0), hparams)
 
@@ -149,9 +148,9 @@ def test_the_discriminators_loss_by_hand_with_log_pi_of_the_current_policy(toy, 
         return (numpy_f(before.discriminator.params, *phis(before, after), x, own) - log_pi).sum(axis=1)
 
     for i in range(2):
-        before, (state, metrics) = state, step(state, hparams, demos)
+        before, (state, metrics) = state, step(state, hparams, one_episode)
         seen = jax.tree.map(lambda ring, i=i: np.asarray(ring[: i + 1]), state.replay.transitions)
-        expert = np.log1p(np.exp(-logits(before, state, demos))).mean()
+        expert = np.log1p(np.exp(-logits(before, state, jax.tree.map(lambda x: x[None], one_episode)))).mean()
         # All that the ring holds, half the draws each, log pi under today's policy however old they are.
         policy = np.log1p(np.exp(logits(before, state, seen)))
         slack = 1e-4 + 0.02 * np.ptp(policy)
@@ -161,14 +160,12 @@ def test_the_discriminators_loss_by_hand_with_log_pi_of_the_current_policy(toy, 
 
 
 @pytest.mark.parametrize(("discriminates", "batch", "length"), [("transitions", 200, 1), ("trajectories", 40, 5)])
-def test_the_discriminator_is_shown_transitions_or_whole_episodes(tiny, transitions, discriminates, batch, length):
+def test_the_discriminator_is_shown_transitions_or_whole_episodes(tiny, flat, transitions, discriminates, batch, length):
     """As many samples of the one as of the other: 200 transitions are 40 episodes of five."""
     config = with_method_defaults(tiny(discriminates=discriminates, rollout_length=5, discriminator_batch=200))
     raw = jax.tree.map(jnp.asarray, transitions(length=5))
     raw = raw._replace(obs=jnp.arange(5 * 4 * 4.0).reshape(5, 4, 4))
-    demos = Demonstrations(
-        *(jnp.arange(3 * 5 * n).reshape(3, 5, *tail) for n, *tail in ((4, 4), (2, 2), (4, 4), (1,), (1,)))
-    )
+    demos = flat(*(np.arange(3 * 5 * n).reshape(3, 5, *tail) for n, *tail in ((4, 4), (2, 2), (4, 4), (1,), (1,))))
     past = replay.add(jax.random.PRNGKey(0), replay.empty(4, 2, config), raw, config)
     drawn = discriminator_data.draw_minibatches(jax.random.PRNGKey(0), demos, past, raw, config)
     for given, episodes in zip(drawn, (demos.obs, raw.obs.swapaxes(0, 1)), strict=True):
@@ -344,9 +341,9 @@ def test_what_cannot_work_is_refused(toy, tiny, size, changes, message):
         make_irl(env, tiny(**changes)).init(jax.random.PRNGKey(0), HPARAMS)
 
 
-def test_eairl_runs_on_an_mjx_task(tiny):
+def test_eairl_runs_on_an_mjx_task(tiny, flat):
     env, config = envs.make("pendulum"), tiny(normalize_obs="running")
-    demos = Demonstrations(*(np.ones((2, 5, *tail), np.float32) for tail in ((3,), (1,), (3,), (), ())))
+    demos = flat(*(np.ones((2, 5, *tail), np.float32) for tail in ((3,), (1,), (3,), (), ())))
     algorithm = make_irl(env, config)
     step = jax.jit(algorithm.step)
     state = before = jax.jit(algorithm.init)(jax.random.PRNGKey(0), HPARAMS)
@@ -381,10 +378,10 @@ def test_of_executed_actions_the_part_beyond_the_bound_has_no_effect(toy, tiny, 
     np.testing.assert_allclose(np.asarray(x.log_prob)[at_high], mass.sum(axis=-1)[at_high], rtol=1e-4)
 
 
-def test_a_policy_starts_anew_and_its_reward_does_not(built):
+def test_a_policy_starts_anew_and_its_reward_does_not(built, flat):
     hparams = HPARAMS.replace(policy_lr=0.0, std_initial_fraction=4.0, std_final_fraction=0.25)
     _, init, step = built(policy_reset_every=2)
-    demos = Demonstrations(*(jnp.ones((1, 5, *tail)) for tail in ((4,), (2,), (4,), (), ())))
+    demos = flat(*(np.ones((1, 5, *tail), np.float32) for tail in ((4,), (2,), (4,), (), ())))
     states = [init(jax.random.PRNGKey(0), hparams)]
     for _ in range(5):
         states.append(step(states[-1], hparams, demos)[0])

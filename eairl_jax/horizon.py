@@ -1,0 +1,269 @@
+"""Episodes that end early, and how learning treats them (`Config.horizon`).
+
+Where a task can end an episode, the sign of a learned reward says how long a policy wants to live, whatever the
+demonstrations show. GAIL's reward is positive, so every step of life pays. The reward of AIRL and EAIRL is negative
+while the discriminator wins, so a policy learns to end its episodes at once. Two treatments avoid this:
+
+- "fixed": every episode lasts until the time limit. The simulation goes on after the end, and what happens then is
+  learned like everything before.
+- "absorbing": after the end, policy and expert are in one absorbing state until the time limit (Kostrikov et al. 2019).
+  The reward learns what this state is worth. Observations have one more entry: 1 in the absorbing state, 0 elsewhere.
+
+"variable" leaves the episodes as they are. Reinforcement learning on a task's true reward needs it: the sign of that
+reward belongs to the task. The true return counts the true rewards up to the end of the episode, in all three.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from eairl_jax import normalize
+from eairl_jax.config import Config
+from eairl_jax.errors import InputError
+from eairl_jax.types import Demonstrations, Env, Key, PyTree
+
+ADVICE = (
+    "choose --horizon absorbing (after its end an episode stays in one absorbing state until the time limit) or "
+    "--horizon variable (episodes as they are; the sign of the reward then decides how long a policy wants to live); "
+    'from Python Config(horizon="absorbing")'
+)
+
+
+def can_end(env: Env) -> bool:
+    """Whether the task itself can end an episode. An environment that never does says so: `ends = False`."""
+    return bool(getattr(env, "ends", True))
+
+
+def resolved(env: Env, config: Config, default: str) -> Config:
+    """The configuration with a time limit and a horizon.
+
+    Args:
+      default: the horizon that "default" stands for.
+
+    Raises:
+      InputError: if neither the configuration nor the environment has a time limit.
+    """
+    length = config.episode_length or getattr(env, "episode_length", 0)
+    if not length:
+        raise InputError(
+            "the environment has no episode_length: give the time limit in steps, for example "
+            "Config(episode_length=1000)"
+        )
+    horizon = default if config.horizon == "default" else config.horizon
+    return dataclasses.replace(config, episode_length=int(length), horizon=horizon)
+
+
+def warn_if_variable(env: Env, config: Config) -> None:
+    """Warns, from Python, of an adversarial method on a task whose episodes end early and are left as they are."""
+    if config.horizon == "variable" and can_end(env):
+        warnings.warn(
+            'horizon="variable": where episodes end early, the sign of the learned reward decides how long a policy '
+            'wants to live; compare with Config(horizon="absorbing")',
+            stacklevel=3,
+        )
+
+
+@struct.dataclass
+class HorizonState:
+    """The state of an environment whose episodes last until the time limit.
+
+    Attributes:
+      inner: the state of the task's own environment.
+      obs: `[obs]`, or `[obs + 1]` with the absorbing state.
+      reward: `[]` the true reward; 0 after the end of the episode.
+      done: `[]` always 0.
+      ended: `[]` 1 once the task has ended the episode.
+    """
+
+    inner: PyTree
+    obs: jax.Array
+    reward: jax.Array
+    done: jax.Array
+    ended: jax.Array
+
+
+class FixedHorizon:
+    """An environment that never ends an episode. Everything else is as in the task's own environment.
+
+    Args:
+      env: the task's own environment.
+      absorbing: whether an episode stays in the absorbing state after its end. If not, its simulation goes on.
+    """
+
+    ends = False
+
+    def __init__(self, env: Env, absorbing: bool):
+        self._env, self._absorbing = env, absorbing
+        self.observation_size = normalize.flat_size(env) + absorbing
+        self.action_size = env.action_size
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        value = getattr(self._env, name)
+        added = {"obs_mean": 0.0, "obs_std": 1.0}
+        return (*value, added[name]) if self._absorbing and name in added else value
+
+    def reset(self, rng: Key) -> HorizonState:
+        return self._state(self._env.reset(rng), jnp.zeros(()), jnp.zeros(()))
+
+    def step(self, state: HorizonState, action: jax.Array) -> HorizonState:
+        inner = self._env.step(state.inner, action)
+        reward = jnp.where(state.ended > 0, 0.0, inner.reward)
+        return self._state(inner, reward, jnp.maximum(state.ended, inner.done.astype(jnp.float32)))
+
+    def _state(self, inner: Any, reward: jax.Array, ended: jax.Array) -> HorizonState:
+        obs = absorb(inner.obs, ended) if self._absorbing else inner.obs
+        return HorizonState(inner, obs, reward, jnp.zeros(()), ended)
+
+
+def learning_env(env: Env, config: Config) -> Env:
+    """The environment in which a policy learns, as `config.horizon` says; `env` itself if its episodes never end."""
+    if config.horizon == "absorbing":
+        return FixedHorizon(env, absorbing=True)
+    return FixedHorizon(env, absorbing=False) if config.horizon == "fixed" and can_end(env) else env
+
+
+def absorb(obs: jax.Array, ended: jax.Array) -> jax.Array:
+    """Observations `[..., obs + 1]`: their last entry is 0 in the episode; after its end it is 1, and the others 0."""
+    flag = ended[..., None].astype(obs.dtype)
+    return jnp.concatenate([jnp.where(flag > 0, 0.0, obs), flag], axis=-1)
+
+
+def living(obs: jax.Array, size: int) -> jax.Array:
+    """Observations as the networks read them: those of the task get a last entry of 0, if the networks have one.
+
+    Args:
+      size: the length of an observation in the networks.
+    """
+    return absorb(obs, jnp.zeros(obs.shape[:-1])) if obs.shape[-1] == size - 1 else obs
+
+
+def alive(obs: jax.Array, config: Config) -> jax.Array | float:
+    """1 `[...]` for raw observations `[..., obs]` outside of the absorbing state, 0 in it; 1 if there is none."""
+    return 1.0 - obs[..., -1] if config.horizon == "absorbing" else 1.0
+
+
+def executed(obs: jax.Array, action: jax.Array, config: Config) -> jax.Array:
+    """Actions `[..., act]` as the reward reads them: 0 in the absorbing state, where an action has no effect."""
+    return action * (1.0 - obs[..., -1:]) if config.horizon == "absorbing" else action
+
+
+def update_stats(stats: normalize.ObsStats, obs: jax.Array, config: Config) -> normalize.ObsStats:
+    """Running statistics of observations `[..., obs]`, without those in the absorbing state."""
+    if config.horizon != "absorbing":
+        return normalize.update(stats, obs)
+    updated = normalize.update(stats, obs, weight=alive(obs, config))
+    return updated.replace(mean=updated.mean.at[-1].set(0.0), var=updated.var.at[-1].set(1.0))
+
+
+class _Place(NamedTuple):
+    """Where a step of learning lies in the demonstrations, `[...]` each."""
+
+    row: jax.Array
+    absorbed: jax.Array
+    next_absorbed: jax.Array
+
+
+def step_count(demos: Demonstrations, config: Config) -> jax.Array | int:
+    """Steps of the demonstrations as the expert of learning takes them; with "absorbing" those after an end count."""
+    return demos.obs.shape[0] if config.horizon != "absorbing" else learned_lengths(demos, config).sum()
+
+
+def take_steps(demos: Demonstrations, index: jax.Array, config: Config) -> Demonstrations:
+    """The steps `[*index.shape, ...]` of the expert that an index names; `lengths` is dropped.
+
+    Args:
+      index: positions from 0 to `step_count`, of any shape, all episodes one after another.
+    """
+    steps = demos._replace(lengths=None)
+    if config.horizon != "absorbing":
+        return jax.tree.map(lambda x: jnp.asarray(x)[index], steps)
+    place = _place(demos, index, config)
+    taken = jax.tree.map(lambda x: jnp.asarray(x)[place.row], steps)
+    obs = absorb(taken.obs, place.absorbed)
+    return taken._replace(
+        obs=obs,
+        action=None if taken.action is None else executed(obs, taken.action, config),
+        next_obs=absorb(taken.next_obs, place.next_absorbed),
+        terminated=jnp.zeros(index.shape),
+    )
+
+
+def learned_lengths(demos: Demonstrations, config: Config) -> jax.Array:
+    """Steps of each episode `[E]` as learning takes them: with "absorbing" those that the task ended go on."""
+    if config.horizon != "absorbing":
+        return jnp.asarray(demos.lengths)
+    lengths = jnp.asarray(demos.lengths)
+    has_ended = jnp.asarray(demos.terminated)[jnp.cumsum(lengths) - 1] > 0
+    return jnp.where(has_ended, jnp.maximum(lengths, config.episode_length), lengths)
+
+
+def _place(demos: Demonstrations, index: jax.Array, config: Config) -> _Place:
+    lengths, learned = jnp.asarray(demos.lengths), learned_lengths(demos, config)
+    ends = jnp.cumsum(learned)
+    episode = jnp.searchsorted(ends, index, side="right")
+    t, length = index - (ends - learned)[episode], lengths[episode]
+    row = (jnp.cumsum(lengths) - lengths)[episode] + jnp.minimum(t, length - 1)
+    has_ended = jnp.asarray(demos.terminated)[(jnp.cumsum(lengths) - 1)[episode]] > 0
+    return _Place(row, t >= length, has_ended & (t >= length - 1))
+
+
+def extended(steps: dict[str, jax.Array], config: Config) -> dict[str, jax.Array]:
+    """Whole episodes `[E, T, ...]` as the reward of `config` sees them; the steps after an end are absorbing ones.
+
+    Args:
+      steps: as `evaluate` and `demonstrations.to_steps` return them.
+    """
+    if config.horizon != "absorbing":
+        return steps
+    # A row after an end that the task decided. Rows after the data of a truncated episode stay invalid.
+    has_ended = jnp.cumsum(steps["terminated"], axis=1) - steps["terminated"] > 0
+    obs = absorb(jnp.asarray(steps["obs"]), has_ended)
+    changed = {
+        "obs": obs,
+        "next_obs": absorb(jnp.asarray(steps["next_obs"]), jnp.cumsum(steps["terminated"], axis=1) > 0),
+        "action": executed(obs, jnp.asarray(steps["action"]), config),
+        "valid": jnp.maximum(steps["valid"], has_ended),
+    }
+    return steps | changed
+
+
+def check_demonstrations(demos: Demonstrations, config: Config, where: str) -> None:
+    """Checks that demonstrations fit the horizon and the time limit.
+
+    Args:
+      config: has a time limit and a horizon (`resolved`).
+      where: what to call the demonstrations in an error message.
+
+    Raises:
+      InputError: if an episode is longer than the time limit, or if episodes end early and the horizon is "fixed".
+    """
+    lengths, limit = demos.lengths, config.episode_length
+    if lengths.max() > limit:
+        raise InputError(
+            f"{where} holds an episode of {lengths.max()} steps, and the time limit is {limit} steps: give the time "
+            "limit of the demonstrated task, or other demonstrations"
+        )
+    if config.horizon == "fixed" and ends_early(demos, limit):
+        raise InputError(
+            f"{where}: {early_ends(demos, limit)}, but horizon fixed needs whole episodes of {limit} steps: {ADVICE}"
+        )
+
+
+def ends_early(demos: Demonstrations, limit: int) -> bool:
+    """Whether an episode of demonstrations ends before the time limit."""
+    return bool((demos.lengths < limit).any() or demos.terminated.any())
+
+
+def early_ends(demos: Demonstrations, limit: int) -> str:
+    """How many episodes end early, for a message."""
+    count = int((demos.lengths < limit).sum())
+    shortest, longest = demos.lengths.min(), demos.lengths.max()
+    return f"{count} of {len(demos.lengths)} episodes end before the time limit ({shortest} to {longest} steps)"
