@@ -18,6 +18,8 @@ NEEDED = ("obs", "next_obs", "terminated")
 FAR_ACTION, FAR_OBS = 20.0, 50.0
 """Actions of this root mean square, as a multiple of their bound, and observations this many standard deviations of the
 whole state space away, have other units than the task."""
+BLOCK = 1024
+"""Rows that are compared at a time."""
 ABSURD_ACTION = 1e4
 """No single action is larger than this multiple of its bound. A Gaussian expert's samples reach 30."""
 
@@ -222,7 +224,7 @@ def _checked_array(where: str, name: str, x: Any, expected: tuple[int, ...], len
     if x.shape != expected:
         raise InputError(f"{where}: {name} has shape {x.shape}, expected {expected}")
     with np.errstate(over="ignore"):
-        x = x.astype(np.float32)
+        x = x.astype(np.float32, copy=False)
     if not np.isfinite(x).all():
         row = int(np.argwhere(~np.isfinite(x))[0][0])
         raise InputError(
@@ -252,17 +254,22 @@ def _check_ends(demos: Demonstrations, where: str) -> None:
 
 def _check_next_obs(demos: Demonstrations, where: str) -> None:
     """Raises `InputError` if most next observations are not the observation of the next step."""
-    inside = np.ones(len(demos.obs), bool)
-    inside[np.cumsum(demos.lengths) - 1] = False
-    following = np.flatnonzero(inside)
-    if (demos.obs[following] == demos.obs[following + 1]).all():
+    following = np.ones(len(demos.obs), bool)  # whether the next row is the next step of the same episode
+    following[np.cumsum(demos.lengths) - 1] = False
+    moves, differs = np.zeros(len(demos.obs), bool), np.zeros(len(demos.obs), bool)
+    scale = demos.obs.std(axis=0) + 1e-6
+    for start in range(0, len(demos.obs) - 1, BLOCK):  # in blocks: the whole would take the memory of the file again
+        stop = min(start + BLOCK, len(demos.obs) - 1)
+        obs, next_obs, after = demos.obs[start:stop], demos.next_obs[start:stop], demos.obs[start + 1 : stop + 1]
+        moves[start:stop] = (obs != after).any(axis=1)
+        differs[start:stop] = (np.abs(next_obs - after) > 0.01 * scale).any(axis=1)
+    if not moves[following].any():
         return  # nothing ever moves: nothing to compare
     if (demos.next_obs == demos.obs).all():
         raise InputError(f"{where}: next_obs equals obs everywhere; expected the observation after the action")
-    scale = demos.obs.std(axis=0) + 1e-6
-    differs = (np.abs(demos.next_obs[following] - demos.obs[following + 1]) > 0.01 * scale).any(axis=1)
+    rows, differs = np.flatnonzero(following), differs[following]
     if differs.mean() > 0.5:
-        first = _place(int(following[np.argmax(differs)]), demos.lengths)
+        first = _place(int(rows[np.argmax(differs)]), demos.lengths)
         raise InputError(
             f"{where}: next_obs differs from the obs of the next step in {differs.sum()} of {differs.size} steps, "
             f"first at {first}; expected the observation after the action: is next_obs shifted, or are the steps out "
