@@ -15,6 +15,8 @@ import numpy as np
 
 from eairl_jax.demonstrations import BLOCK, load
 from eairl_jax.episodes import (
+    AT_A_JUMP,
+    AT_THE_LIMIT,
     NAMES,
     UNFINISHED,
     Episode,
@@ -128,12 +130,12 @@ def _sized(origin: Origin, columns: Columns) -> Origin:
 
 
 class Span(NamedTuple):
-    """The rows `start` to `stop` (exclusive) of one episode in flat columns, and how the episode ended."""
+    """The rows `start` to `stop` (exclusive) of one episode in flat columns, how it ended, and what was assumed."""
 
     start: int
     stop: int
     end: str
-    is_unfinished: bool = False
+    remarks: tuple[str, ...] = ()
 
 
 def flat(source: str, columns: Columns, time_limit: int | None) -> Iterator[Episode]:
@@ -143,10 +145,10 @@ def flat(source: str, columns: Columns, time_limit: int | None) -> Iterator[Epis
         length = rows(x)
         if name != "lengths" and length != steps:
             raise InputError(f"{source}: {name} has {length} rows, and obs {steps}: expected one row for each step")
-    for span in spans(source, columns, steps, time_limit):
+    for span in spans(source, columns, steps, time_limit) if steps else ():
         found = {name: cut(columns[name], span.start, span.stop) for name in STEPWISE if name in columns}
         if episode := completed(found, span.end):
-            yield episode._replace(remark=episode.remark or (UNFINISHED if span.is_unfinished else ""))
+            yield episode._replace(remarks=episode.remarks + span.remarks)
 
 
 def spans(source: str, columns: Columns, steps: int, time_limit: int | None) -> list[Span]:
@@ -161,71 +163,85 @@ def spans(source: str, columns: Columns, steps: int, time_limit: int | None) -> 
     Raises:
       InputError: if nothing says where episodes end, or what says it is contradictory.
     """
-    names = ("terminated", "truncated", "done", "episode_starts")
-    flags = {name: flags_of(source, name, columns[name][:]).reshape(-1) for name in names if name in columns}
-    is_end = {name: x for name, x in flags.items() if name != "episode_starts"}
-    ended = np.logical_or.reduce([*is_end.values(), np.zeros(steps, bool)])
-    is_open = False
+    flags = {
+        name: flags_of(source, name, columns[name][:]).reshape(-1)
+        for name in (*ENDS, "episode_starts")
+        if name in columns
+    }
+    ends = {name: flags[name] for name in ENDS if name in flags}
+    assumed: dict[int, str] = {}
     if "lengths" in columns:
-        lengths = np.asarray(columns["lengths"][:])
-        if lengths.dtype.kind not in "iu" or lengths.ndim != 1 or (lengths < 1).any() or lengths.sum() != steps:
-            raise InputError(
-                f"{source}: lengths must be whole numbers of at least 1 whose sum is the {steps} steps; their sum is "
-                f"{lengths.sum()}"
-            )
-        stops = np.cumsum(lengths)
+        stops = _stops_of_lengths(source, np.asarray(columns["lengths"][:]), steps)
     elif "episode_starts" in flags:
         starts = np.flatnonzero(flags["episode_starts"])
-        if steps and (not len(starts) or starts[0] != 0):
+        if not len(starts) or starts[0] != 0:
             raise InputError(f"{source}: episode_starts is 0 at the first step: expected 1")
-        stops = np.append(starts[1:], steps) if steps else starts
-    elif is_end:
-        if "truncated" not in flags:
-            ended = ended | _breaks(columns, steps)
-        stops = np.flatnonzero(ended) + 1
-        stops = stops if "truncated" in flags or time_limit is None else _limited(stops, steps, time_limit)
-        is_open = bool(steps) and (not len(stops) or stops[-1] != steps)
-        stops = np.append(stops, steps) if is_open else stops
+        stops = np.append(starts[1:], steps)
+    elif ends:
+        stops, assumed = _stops_of_ends(columns, ends, time_limit)
     else:
         raise InputError(
             f"{source}: nothing says where an episode ends; found {listed(columns)}; expected terminals and "
             "timeouts, or lengths, or episode_starts, or arrays of [episodes, steps, ...]"
         )
-    starts = np.concatenate([[0], stops[:-1]]).astype(int) if len(stops) else stops
     inside = np.setdiff1d(np.flatnonzero(flags.get("terminated", [])) + 1, stops)
     if len(inside):
+        raise InputError(f"{source}: the task ended an episode at row {inside[0] - 1}, but the episode goes on")
+    found = []
+    for start, stop in itertools.pairwise([0, *map(int, stops)]):
+        end = end_of({name: bool(x[stop - 1]) for name, x in ends.items()}, {})
+        remark = assumed.get(stop, "" if ends else UNFINISHED)
+        found.append(Span(start, stop, end, (remark,) if remark else ()))
+    return found
+
+
+def _stops_of_lengths(source: str, lengths: np.ndarray, steps: int) -> np.ndarray:
+    is_whole = lengths.dtype.kind in "iu" and lengths.ndim == 1
+    if not is_whole or (lengths < 1).any() or lengths.sum() != steps:
         raise InputError(
-            f"{source}: the task ended an episode at row {inside[0] - 1}, and the episode goes on after it"
+            f"{source}: lengths must be whole numbers of at least 1, [episodes], whose sum is the {steps} steps; found "
+            f"{lengths.dtype} of shape {lengths.shape}" + (f", sum {lengths.sum()}" if is_whole else "")
         )
-    return [
-        Span(
-            int(start),
-            int(stop),
-            end_of({name: bool(x[stop - 1]) for name, x in is_end.items()}, {}),
-            not is_end or (is_open and stop == steps),
-        )
-        for start, stop in zip(starts, stops, strict=True)
-    ]
+    return np.cumsum(lengths)
 
 
-def _breaks(columns: Columns, steps: int) -> np.ndarray:
-    """`[S]` whether a row's next_obs is not the next row's obs: a reset, in data without a column of time limits."""
-    is_break = np.zeros(steps, bool)
-    obs, next_obs = columns["obs"], columns.get("next_obs")
-    if next_obs is None or isinstance(obs, Mapping):
-        return is_break
+def _stops_of_ends(
+    columns: Columns, ends: dict[str, np.ndarray], time_limit: int | None
+) -> tuple[np.ndarray, dict[int, str]]:
+    """Where episodes stop by their flags, and what was assumed of some stops.
+
+    Without a column of time limits, an episode also stops where next_obs is not the obs of the next row. Without
+    next_obs it stops after `time_limit` steps.
+    """
+    ended = np.logical_or.reduce([*ends.values()])
+    steps, assumed = len(ended), {}
+    if "truncated" not in ends and "next_obs" in columns:
+        jumps = np.flatnonzero(_jumps(columns, steps) & ~ended)
+        ended[jumps] = True
+        assumed = dict.fromkeys((jumps + 1).tolist(), AT_A_JUMP)
+    stops = np.flatnonzero(ended) + 1
+    if not ended[-1]:
+        stops = np.append(stops, steps)
+        assumed[steps] = UNFINISHED
+    if "truncated" not in ends and "next_obs" not in columns and time_limit is not None:
+        cuts = [np.arange(a + time_limit, b, time_limit) for a, b in itertools.pairwise([0, *stops])]
+        cuts = np.concatenate(cuts).astype(int)
+        stops = np.union1d(stops, cuts)
+        assumed |= dict.fromkeys(cuts.tolist(), AT_THE_LIMIT)
+    return stops, assumed
+
+
+def _jumps(columns: Columns, steps: int) -> np.ndarray:
+    """`[S]` whether a row's next_obs is not the next row's obs: a reset."""
+    is_jump = np.zeros(steps, bool)
+    obs, next_obs = columns["obs"], columns["next_obs"]
+    if isinstance(obs, Mapping):
+        return is_jump
     for start in range(0, steps - 1, BLOCK):
         stop = min(start + BLOCK, steps - 1)
         different = np.asarray(next_obs[start:stop]) != np.asarray(obs[start + 1 : stop + 1])
-        is_break[start:stop] = different.reshape(stop - start, -1).any(axis=1)
-    return is_break
-
-
-def _limited(stops: np.ndarray, steps: int, limit: int) -> np.ndarray:
-    """The stops, with one more after each `limit` steps of an episode."""
-    edges = np.concatenate([[0], stops, [steps]] if not len(stops) or stops[-1] != steps else [[0], stops])
-    cuts = [np.arange(a + limit, b, limit) for a, b in itertools.pairwise(edges)]
-    return np.unique(np.concatenate([stops, *cuts])).astype(int)
+        is_jump[start:stop] = different.reshape(stop - start, -1).any(axis=1)
+    return is_jump
 
 
 # Columns of [episodes, steps, ...] -----------------------------------------------------------------------------------
@@ -258,9 +274,9 @@ def stacked(source: str, columns: Columns) -> Iterator[Episode]:
             if name in columns
         }
         found = {name: columns[name][number][:steps] for name in STEPWISE if name in columns}
-        end, remark = end_of(flags, {}), "" if flags else UNFINISHED
+        end, remarks = end_of(flags, {}), () if flags else (UNFINISHED,)
         if "next_obs" not in found and columns["obs"].shape[1] > steps:
             obs = columns["obs"][number][: steps + 1]
-            yield Episode(obs, found.get("action"), None, found.get("reward"), end, remark)
+            yield Episode(obs, found.get("action"), None, found.get("reward"), end, remarks)
         elif episode := completed(found, end):
-            yield episode._replace(remark=episode.remark or remark)
+            yield episode._replace(remarks=episode.remarks + remarks)

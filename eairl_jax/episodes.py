@@ -34,6 +34,8 @@ TERMINATED, TRUNCATED, UNKNOWN = "terminated", "truncated", "unknown"
 
 LAST_STEP_LEFT_OUT = "whose last step was left out: the next observation of that step is unknown"
 LAST_OBS_REPEATED = "whose last observation stands for the next observation, which is unknown: the task had ended"
+AT_A_JUMP = "that end where next_obs is not the obs of the next row: the data have no column of time limits"
+AT_THE_LIMIT = "that were cut after the time limit: the data do not say where a time limit ended them"
 UNFINISHED = "without a word on the end, which counts as cut off by a time limit"
 
 
@@ -46,7 +48,7 @@ class Episode(NamedTuple):
       next_obs: like `obs`, `[T, obs]`; None if `obs` has T + 1 rows.
       reward: `[T]`, or None.
       end: "terminated", "truncated" or "unknown".
-      remark: what the reader had to change, a phrase that follows "N episodes"; empty if nothing.
+      remarks: what the reader had to change or assume, phrases that follow "N episodes".
     """
 
     obs: Any
@@ -54,7 +56,7 @@ class Episode(NamedTuple):
     next_obs: Any
     reward: Any
     end: str
-    remark: str = ""
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -229,7 +231,7 @@ def as_episode(item: Any, where: str = "the episode") -> Episode:
     infos = get("infos") if "infos" in names else None
     flags = {name: last_flag(where, name, columns.pop(name)) for name in ENDS if columns.get(name) is not None}
     fields = {name: columns.get(name) for name in ("obs", "action", "next_obs", "reward")}
-    return Episode(**fields, end=end_of(flags, last_info(infos)), remark="" if flags else UNFINISHED)
+    return Episode(**fields, end=end_of(flags, last_info(infos)), remarks=() if flags else (UNFINISHED,))
 
 
 ENDS = ("terminated", "truncated", "done")
@@ -262,11 +264,11 @@ def completed(columns: Mapping[str, Any], end: str) -> Episode | None:
     if "next_obs" in columns:
         return Episode(obs, action, columns["next_obs"], reward, end)
     if end == TERMINATED:
-        return Episode(_with_last_row_twice(obs), action, None, reward, end, LAST_OBS_REPEATED)
+        return Episode(_with_last_row_twice(obs), action, None, reward, end, (LAST_OBS_REPEATED,))
     if rows(obs) < 2:
         return None
     action, reward = (None if x is None else x[:-1] for x in (action, reward))
-    return Episode(obs, action, None, reward, end, LAST_STEP_LEFT_OUT)
+    return Episode(obs, action, None, reward, end, (LAST_STEP_LEFT_OUT,))
 
 
 def rows(x: Any) -> int:
@@ -440,8 +442,7 @@ class _Gathering:
             self.count_outside(columns["action"])
         self.lengths.append(steps)
         self.ends.append(episode.end)
-        if episode.remark:
-            self.remarks[episode.remark] += 1
+        self.remarks.update(episode.remarks)
 
     def count_outside(self, action: np.ndarray) -> None:
         low, high = self.bounds()

@@ -68,7 +68,7 @@ def _trajectories(dataset: Any, fields: Mapping[str, str]) -> Iterator[Episode]:
         flags = {name: last_flag(where, name, values[name]) for name in ENDS if name in values}
         info = _last_info(row.column("infos")[0].as_py()) if "infos" in row.column_names else {}
         columns = {name: values.get(name) for name in STEPWISE}
-        yield Episode(**columns, end=end_of(flags, info), remark="" if flags else UNFINISHED)
+        yield Episode(**columns, end=end_of(flags, info), remarks=() if flags else (UNFINISHED,))
 
 
 def _first(x: Any) -> Any:

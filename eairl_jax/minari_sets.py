@@ -136,7 +136,7 @@ def write(
       InputError: if the name is not Minari's or is taken, if actions or rewards are missing, or if an episode's next
         observation is not the observation of its next step, so that Minari has no place for it.
     """
-    folder, dataset_id = _free_folder(name)
+    folder, dataset_id = free_folder(name)
     _refuse_unfit(name, demos, data_format)
     minari = required("minari", "minari")
     required({"hdf5": "h5py"}.get(data_format, "pyarrow"), "minari")
@@ -184,8 +184,12 @@ def _buffers(minari: ModuleType, demos: Demonstrations) -> Iterator[Any]:
         )
 
 
-def _free_folder(name: str) -> tuple[Path, str]:
-    """The folder that a data set is going to have, and its name in Minari."""
+def free_folder(name: str) -> tuple[Path, str]:
+    """The folder that a data set is going to have, and its name in Minari.
+
+    Raises:
+      InputError: if the name is not Minari's, or is taken.
+    """
     folder = folder_of(name)
     dataset_id = folder.name if _is_path(name) else name
     if not NAME.fullmatch(dataset_id):

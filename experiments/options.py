@@ -100,7 +100,10 @@ class Expert:
 
 @dataclass(frozen=True)
 class Collect:
-    """Collect demonstrations from a trained expert: whole episodes (.npz) and their provenance (.json)."""
+    """Collect demonstrations from a trained expert, or convert demonstrations of other libraries with --from.
+
+    Either way the result is episodes (.npz) and their provenance (.json), or a Minari data set with --to minari:NAME.
+    """
 
     task: Task
     expert: Annotated[
@@ -111,6 +114,35 @@ class Collect:
     seed: int = 0
     """Seed of the episodes' random numbers."""
     out: Annotated[Path | None, explained(metavar="FILE", help="File to write. Default: demos/TASK.npz.")] = None
+    source: Annotated[
+        str | None,
+        explained(
+            name="from",
+            metavar="SOURCE",
+            help="Convert these demonstrations: minari:NAME (a local data set), the folder of a Minari data set, a "
+            "folder saved by HuggingFace's datasets (trajectories of imitation), .hdf5 (flat columns, as in D4RL), "
+            ".npz, or shipped (those that come with the package).",
+        ),
+    ] = None
+    to: Annotated[
+        str | None,
+        explained(metavar="DEST", help="With --from: a .npz, or minari:NAME-v0. Default: demos/TASK.npz."),
+    ] = None
+    format: Annotated[
+        Literal["minari", "hf", "hdf5", "npz"] | None,
+        explained(help="With --from: the format of SOURCE. Default: it is found from SOURCE."),
+    ] = None
+    obs_key: Annotated[
+        str | None,
+        explained(
+            metavar="KEY",
+            help="With --from: of dictionary observations, the entry to use, or flatten for all entries in the order "
+            "of their names.",
+        ),
+    ] = None
+    max_episodes: Annotated[
+        int | None, explained(metavar="N", help="With --from: read the first N episodes. Default: all.")
+    ] = None
 
 
 @dataclass(frozen=True)

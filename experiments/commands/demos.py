@@ -1,4 +1,4 @@
-"""`eairl demos`: episodes of a trained expert, with their provenance."""
+"""`eairl demos`: episodes of a trained expert, or of other libraries, with their provenance."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import jax
 from eairl_jax import Demonstrations, InputError, demonstrations, evaluate
 from eairl_jax.experiments.display.console import console
 from eairl_jax.experiments.options import Collect
+from eairl_jax.experiments.pipeline.convert import convert, refuse_contradictions
 from eairl_jax.experiments.pipeline.experiment import SCORE_EPISODES, make_env, random_return
 from eairl_jax.experiments.pipeline.policies import Policies, best_expert
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
@@ -18,7 +19,11 @@ DEMO_SEED = 30_000
 
 
 def run(options: Collect, command_line: str) -> None:
-    """Collects whole episodes of the sampled expert, and writes them with their provenance."""
+    """Collects whole episodes of the sampled expert, or converts those of `--from`, and writes their provenance."""
+    refuse_contradictions(options)
+    if options.source is not None:
+        convert(options, command_line)
+        return
     task, episodes = options.task, options.episodes
     if episodes < 1:
         raise InputError(f"--episodes {episodes}: expected at least 1")
