@@ -59,9 +59,10 @@ def read_npz(source: str, options: Options, task: str | None = None) -> Read:
       InputError: if the file or its arrays are no demonstrations.
     """
     refuse_no_file(Path(source))
-    with np.load(source, allow_pickle=False) as archive:
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise InputError(f"{source} holds one array: expected an .npz of named arrays")
+    archive = np.load(source, allow_pickle=False)
+    if not isinstance(archive, np.lib.npyio.NpzFile):
+        raise InputError(f"{source} holds one array: expected an .npz of named arrays")
+    with archive:
         if set(archive.files) >= OURS:
             demos = load(source, task)
             return described(demos, Origin(source, "npz"), options)

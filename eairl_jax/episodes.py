@@ -383,6 +383,7 @@ def gather(episodes: Iterable[Episode], origin: Origin, options: Options) -> Rea
 
 def described(demos: Demonstrations, origin: Origin, options: Options) -> Read:
     """Demonstrations that are checked already, with their facts; copied only if fewer episodes are wanted."""
+    chosen(origin.name, demos.obs, options.obs_key)
     if options.max_episodes is not None and options.max_episodes < len(demos.lengths):
         lengths = demos.lengths[: options.max_episodes]
         columns = {name: None if x is None else x[: lengths.sum()].copy() for name, x in demos._asdict().items()}

@@ -97,6 +97,8 @@ def _values(where: str, array: Any) -> Any:
         array = array.storage
     if array.null_count:
         raise InputError(f"{where} has missing values (null): remove these trajectories")
+    if pa.types.is_null(array.type):
+        return np.zeros(len(array))  # an empty list: it says nothing of its type
     if pa.types.is_struct(array.type):
         return {field.name: _values(f"{where}.{field.name}", array.field(i)) for i, field in enumerate(array.type)}
     if not hasattr(array, "flatten"):  # no list of any kind

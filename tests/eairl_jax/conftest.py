@@ -2,24 +2,20 @@
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
 from eairl_jax import Demonstrations
 
 OBS, ACT = 3, 2
-# Every type of number that a file may hold; the values of the tests are small quarters, so no type rounds them.
-REALS = ("<f4", "<f8", ">f8", ">f4", "<f2")
-LENGTHS = st.lists(st.integers(1, 6), min_size=1, max_size=5).filter(lambda lengths: max(lengths) > 1)
 
 
 @pytest.fixture(scope="session")
 def make_episodes():
-    """Makes episodes of given lengths and ends, each a dictionary `obs [T + 1, 3]`, `action`, `reward`, `terminated`."""
+    """Makes episodes of given lengths and ends: dictionaries of `obs [T + 1, 3]`, `action`, `reward`, `terminated`."""
 
     def make(lengths, ends=(), dtype="<f8"):
         rng = np.random.default_rng(len(lengths))
 
-        def draw(*shape):
+        def draw(*shape):  # quarters, which no type of number rounds
             return (rng.integers(-40, 40, shape) / 4).astype(dtype)
 
         ends = [*ends, *[False] * len(lengths)]
@@ -70,10 +66,13 @@ def flat_columns():
     """Flat columns of episodes, as in D4RL, by the names of D4RL."""
 
     def make(episodes, with_next_obs=True):
+        def joined(parts):
+            return np.concatenate(parts).astype(parts[0].dtype)  # concatenate makes native byte order
+
         columns = {
-            "observations": np.concatenate([e["obs"][:-1] for e in episodes]),
-            "actions": np.concatenate([e["action"] for e in episodes]),
-            "rewards": np.concatenate([e["reward"] for e in episodes]),
+            "observations": joined([e["obs"][:-1] for e in episodes]),
+            "actions": joined([e["action"] for e in episodes]),
+            "rewards": joined([e["reward"] for e in episodes]),
         }
         lengths = np.array([len(e["reward"]) for e in episodes])
         terminals = np.zeros(lengths.sum(), bool)
@@ -81,7 +80,7 @@ def flat_columns():
         timeouts = np.zeros(lengths.sum(), bool)
         timeouts[np.cumsum(lengths) - 1] = [not e["terminated"] for e in episodes]
         if with_next_obs:
-            columns["next_observations"] = np.concatenate([e["obs"][1:] for e in episodes])
+            columns["next_observations"] = joined([e["obs"][1:] for e in episodes])
         return columns | {"terminals": terminals, "timeouts": timeouts}
 
     return make

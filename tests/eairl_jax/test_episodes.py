@@ -208,7 +208,10 @@ BAD = {
     "NaN": (change(obs=np.full((5, 3), np.nan)), "obs is NaN or infinite at episode 1, step 0"),
     "too large": (change(action=np.full((4, 2), 1e300)), "action is NaN or infinite at episode 1, step 0"),
     "other size": (change(obs=np.zeros((5, 2))), "episode 1: obs has size 2, and 3 in the episodes before"),
-    "other lengths": (change(action=np.zeros((5, 2))), "has 4 steps by obs, but action 5: expected one row of obs more"),
+    "other lengths": (
+        change(action=np.zeros((5, 2))),
+        "has 4 steps by obs, but action 5: expected one row",
+    ),
     "no steps": (change(obs=np.zeros((1, 3)), action=np.zeros((0, 2)), reward=np.zeros(0)), "episode 1 has no steps"),
     "text": (change(reward=np.full(4, "good")), "reward has dtype <U4; expected numbers"),
     "objects": (change(obs=np.full((5, 3), None)), "obs has dtype object; expected numbers"),
