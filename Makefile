@@ -4,11 +4,14 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 STAMP = $(VENV)/.installed
 
-.PHONY: help install demo test test-slow lint docs release bench data clean
+EXTRAS = minari,hf,hdf5
+
+.PHONY: help install demo test test-extras test-slow lint docs release bench data clean
 
 help:
 	@echo "make demo       learn a reward in the left maze, use it in the right one (the main job)"
 	@echo "make test       the fast tests"
+	@echo "make test-extras  the tests of Minari, HuggingFace and HDF5, which it installs"
 	@echo "make test-slow  the tests that train to convergence"
 	@echo "make bench      what an iteration costs beside its simulation"
 	@echo "make data       train the experts and collect the shipped demonstrations anew"
@@ -33,6 +36,12 @@ demo: $(STAMP)
 test: $(STAMP)
 	@echo "== the fast tests, on two processes"
 	@$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
+
+test-extras: $(STAMP)
+	@echo "== installing the extras $(EXTRAS)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[test,$(EXTRAS)]"
+	@echo "== the tests that need them"
+	@$(BIN)/python -m pytest -m extras -n 2 --dist loadfile
 
 test-slow: $(STAMP)
 	@echo "== the tests that train to convergence"

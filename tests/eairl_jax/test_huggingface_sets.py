@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eairl_jax import InputError
@@ -45,6 +45,7 @@ def cut_off(episodes):
     return [[json.dumps({})] * (len(e["action"]) - 1) + [x] for e, x in zip(episodes, last, strict=True)]
 
 
+@settings(max_examples=30)
 @given(
     lengths=LENGTHS,
     ends=st.lists(st.booleans(), max_size=5),

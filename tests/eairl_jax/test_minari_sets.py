@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eairl_jax import Demonstrations, InputError, demonstrations, minari_sets
@@ -75,6 +75,7 @@ def test_there_are_seven_shipped_sets():
     assert len(SHIPPED) == 7
 
 
+@settings(max_examples=30)
 @given(lengths=LENGTHS, ends=st.lists(st.booleans(), max_size=5), form=st.sampled_from(FORMS), number=st.integers(0))
 def test_any_lengths_and_ends_return(tmp_path_factory, make_episodes, expected, same, lengths, ends, form, number):
     demos = expected(make_episodes(lengths, ends))
