@@ -33,7 +33,7 @@ class Config:
     """How learning treats an episode that the task ends. "fixed": the simulation goes on until the time limit.
     "absorbing": an absorbing state follows until the time limit, for expert and policy alike (Kostrikov et al. 2019).
     "variable": the episode ends, and the sign of the reward decides how long a policy wants to live. "default" is
-    "fixed" for a learned reward and "variable" for the true reward."""
+    "variable" for the true reward; for a learned reward it is "absorbing", or "fixed" where no episode can end."""
     iterations: int = 100
     """Iterations of the whole run; annealed rates reach their final values after the last."""
 

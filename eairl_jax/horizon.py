@@ -40,6 +40,11 @@ def can_end(env: Env) -> bool:
     return bool(getattr(env, "ends", True))
 
 
+def of_learned_reward(env: Env) -> str:
+    """The horizon that "default" stands for where a reward is learned."""
+    return "absorbing" if can_end(env) else "fixed"
+
+
 def resolved(env: Env, config: Config, default: str) -> Config:
     """The configuration with a time limit and a horizon.
 

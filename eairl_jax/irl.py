@@ -68,7 +68,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
       InputError: if the method is unknown, if the environment's observations are not flat vectors, if there is no time
         limit, or if the method discriminates whole trajectories and a rollout does not consist of whole episodes.
     """
-    config = horizon.resolved(env, methods.with_method_defaults(config), "fixed")
+    config = horizon.resolved(env, methods.with_method_defaults(config), horizon.of_learned_reward(env))
     horizon.warn_if_variable(env, config)
     env = horizon.learning_env(env, config)
     discriminator_data.check_segments(config)

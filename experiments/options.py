@@ -63,8 +63,8 @@ Horizon = Annotated[
     explained(
         help="What follows when the task ends an episode, while learning. fixed: the simulation goes on until the time "
         "limit. absorbing: an absorbing state until the time limit, for expert and policy. variable: nothing; the sign "
-        "of the reward then decides how long a policy wants to live. Default: fixed if all demonstrations last until "
-        "the time limit, else absorbing. Without effect in tasks that never end an episode."
+        "of the reward then decides how long a policy wants to live. Default: absorbing. Without effect in tasks that "
+        "never end an episode."
     ),
 ]
 Json = Annotated[Path | None, explained(metavar="FILE", help="Write all figures to this file as well.")]

@@ -107,12 +107,12 @@ class Target:
     def for_reward(self, learned: Config) -> Target:
         """The target for a reward learned with the configuration `learned`.
 
-        The reward fixes the kind of actions and, where the target may end an episode, the horizon.
+        The reward fixes the kind of actions and, where an episode may end, the horizon.
         """
-        horizon_learned = "fixed" if learned.horizon == "default" else learned.horizon
-        return self.with_config(
-            actions=learned.actions, horizon=horizon_learned if horizon.can_end(self.env) else "default"
-        )
+        kind = learned.horizon
+        if kind == "default" and horizon.can_end(self.env):
+            kind = "fixed"  # the reward was learned where no episode ends
+        return self.with_config(actions=learned.actions, horizon=kind)
 
     def with_horizon(self, learned: Config) -> Target:
         """The target with the horizon of a reward learned with the configuration `learned`."""
@@ -401,15 +401,10 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
 
 
 def horizon_of(options: Imitate | Transfer | Bench, source: Source, method: str) -> dict[str, str]:
-    """The setting of `Config.horizon`, if the task can end an episode and the method learns a reward.
-
-    Without `--horizon` it is "fixed" if all demonstrations last until the time limit, else "absorbing".
-    """
+    """The setting `horizon`, if the task can end an episode and the method learns a reward."""
     if method not in METHODS or not horizon.can_end(source.env):
         return {}
-    limit = source.env.episode_length
-    default = "absorbing" if horizon.ends_early(source.demos, limit) else "fixed"
-    return {"horizon": getattr(options, "horizon", None) or default}
+    return {"horizon": getattr(options, "horizon", None) or horizon.of_learned_reward(source.env)}
 
 
 def check_demonstrations(source: Source, config: Config) -> None:
@@ -422,7 +417,8 @@ def check_demonstrations(source: Source, config: Config) -> None:
     demonstrations.check_fits(source.demos, source.env, where)
     is_cloning = config.method not in METHODS
     config = config if is_cloning else with_method_defaults(config)
-    resolved = horizon.resolved(source.env, config, "variable" if is_cloning else "fixed")
+    default = "variable" if is_cloning else horizon.of_learned_reward(source.env)
+    resolved = horizon.resolved(source.env, config, default)
     horizon.check_demonstrations(source.demos, resolved, where)
     if source.demos.action is None and needs_expert_actions(config):
         raise InputError(f"{where} holds no actions, which {config.method} needs: {STATE_ONLY_ADVICE}")

@@ -10,11 +10,13 @@ from eairl_jax.methods import uses_empowerment, with_method_defaults
 
 REFUSED = [
     *({name: 0} for name in (
-        "num_envs", "rollout_length", "episode_length", "iterations", "ppo_epochs", "ppo_minibatches",
+        "num_envs", "rollout_length", "iterations", "ppo_epochs", "ppo_minibatches",
         "discriminator_updates", "discriminator_batch", "empowerment_updates", "empowerment_batch",
         "phi_sync_interval", "cg_iterations", "line_search_steps",
     )),
     {"history_length": -1},
+    {"episode_length": -1},
+    {"horizon": "endless"},
     {"hidden": ()},
     {"policy_hidden": (32, 0)},
     {"value_hidden": (-4,)},

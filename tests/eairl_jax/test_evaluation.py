@@ -18,12 +18,14 @@ def test_returns_stop_at_the_end_of_the_episode(toy, ends_at, counted):
     executed = np.clip(np.stack([t, 3.0 - t], axis=-1), -1, 1)
     np.testing.assert_allclose(returns, np.full(4, -((executed - 0.5) ** 2).sum()), rtol=1e-6)
     assert {name: x.shape for name, x in steps.items()} == {
-        "obs": (4, 5, 4), "action": (4, 5, 2), "next_obs": (4, 5, 4), "reward": (4, 5), "terminated": (4, 5)
+        "obs": (4, 5, 4), "action": (4, 5, 2), "next_obs": (4, 5, 4), "reward": (4, 5), "terminated": (4, 5),
+        "valid": (4, 5),
     }  # fmt: skip
     np.testing.assert_array_equal(steps["obs"][0, :, 0], np.arange(5))
     np.testing.assert_array_equal(steps["next_obs"][0, :, 0], np.arange(5) + 1)
     np.testing.assert_array_equal(steps["action"][0, :, 1], 3.0 - np.arange(5))
     np.testing.assert_array_equal(steps["terminated"][0], np.arange(5) == (ends_at or 0) - 1)
+    np.testing.assert_array_equal(steps["valid"][0], np.arange(5) < counted)
     assert len(set(np.asarray(steps["obs"][:, 0, 3]))) == 4
 
 

@@ -60,6 +60,7 @@ def test_rows_differ_in_what_the_paper_says():
         "airl_sa": ("sa", "learned", False, "transitions"),
         "airl_s": ("s", "learned", False, "transitions"),
         "gail": ("sa", "none", False, "transitions"),
+        "gaifo": ("s", "learned", False, "transitions"),
         "gan_gcl": ("sa", "none", False, "trajectories"),
     }
 

@@ -1,14 +1,12 @@
 """TRPO's parts against dense linear algebra, its update against what the trust region promises."""
 
-import json
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from eairl_jax import HParams, Lanes, envs, evaluate, make_rl
+from eairl_jax import HParams, Lanes, demonstrations, envs, evaluate, make_rl
 from eairl_jax.actor_critic import ActorCritic
 from eairl_jax.trpo import conjugate_gradient, fisher_vector_product, line_search, trpo
 from eairl_jax.types import no_penalty
@@ -255,11 +253,10 @@ def test_the_std_follows_its_schedule(trained):
 @pytest.mark.slow
 def test_trpo_makes_as_good_a_pendulum_expert_as_ppo():
     """The best of two seeds, by the recipe of `eairl expert pendulum --optimizer trpo`."""
-    from eairl_jax.experiments.pipeline.scores import shipped
+    from eairl_jax.experiments.pipeline.experiment import shipped_demonstrations
+    from eairl_jax.experiments.settings import recipe
 
-    from eairl_jax.experiments.recipes import recipe
-
-    with_ppo = json.loads(shipped("pendulum").with_suffix(".json").read_text())["expert_return"]
+    with_ppo = demonstrations.provenance(shipped_demonstrations("pendulum"))["expert_return"]
     env = envs.make("pendulum")
     own = recipe("pendulum", env, "expert", {"optimizer": "trpo"})
     algorithm = make_rl(env, own.config)

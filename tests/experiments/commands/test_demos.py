@@ -10,8 +10,9 @@ def test_demos_make_what_imitate_reads(expert, tmp_path, tiny, run, capsys):
     assert run("demos", "pendulum", "--expert", expert, "--episodes", 20, "--out", path) == 0
     provenance = json.loads(path.with_suffix(".json").read_text())
     with np.load(path, allow_pickle=False) as arrays:
-        assert arrays["obs"].shape == (20, 200, 3)
-        np.testing.assert_allclose(arrays["reward"].sum(axis=1), provenance["returns"], rtol=1e-5)
+        assert arrays["obs"].shape == (20 * 200, 3)
+        assert arrays["lengths"].tolist() == provenance["lengths"] == [200] * 20
+        np.testing.assert_allclose(arrays["reward"].reshape(20, 200).sum(axis=1), provenance["returns"], rtol=1e-5)
     assert provenance["expert"]["chosen_seed"] in (0, 1)
     # As many episodes as are shipped: the program of the other imitations fits.
     arguments = ["imitate", "pendulum", "--seeds", 2, "--demos", path, "--out", tmp_path / "run", "--set", *tiny]

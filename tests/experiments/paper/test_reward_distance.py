@@ -77,9 +77,10 @@ def test_the_true_reward_is_at_no_distance_and_its_opposite_is_opposed(task, mon
     at_random = random_policy(task)
     algorithm = SimpleNamespace(act=lambda state, obs, key: at_random(obs, key))
     agents = SimpleNamespace(algorithm=algorithm, state=np.zeros(2))
-    action = jax.random.uniform(jax.random.PRNGKey(1), (3, 30, 2))
-    obs, true = jnp.zeros((3, 30, 4)), scaled_true_reward(1.0, None, action)
-    measured = measures(reward, agents, task, Demonstrations(obs, action, obs, true, jnp.zeros((3, 30))))
+    action = jax.random.uniform(jax.random.PRNGKey(1), (90, 2))
+    obs, true = jnp.zeros((90, 4)), scaled_true_reward(1.0, None, action)
+    expert = Demonstrations(obs, action, obs, true, jnp.zeros(90), jnp.full(3, 30))
+    measured = measures(reward, agents, task, expert)
     np.testing.assert_allclose(measured["epic"], [0, 1], atol=0.02)
     for transitions in ("expert", "policy", "random"):
         np.testing.assert_allclose(measured[f"rank correlation, {transitions}"], [1, -1], atol=0.01)
