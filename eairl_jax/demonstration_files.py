@@ -38,8 +38,8 @@ def read(
       obs_key: of dictionary observations, the entry to use, or "flatten" for all entries in the order of their names.
       max_episodes: how many episodes are read, from the first; None for all.
       action_limit: actions outside `[-action_limit, action_limit]` are counted. Minari's data sets know their bounds.
-      time_limit: steps after which the task's time limit ends an episode. It is used where the data do not say what
-        ended an episode.
+      time_limit: steps after which the task's time limit ends an episode. Longer episodes are cut there. It also
+        decides where the data do not say where or why an episode ended.
       task: the expected task. It is compared with the task in a file of this library.
 
     Raises:

@@ -36,6 +36,7 @@ LAST_STEP_LEFT_OUT = "whose last step was left out: the next observation of that
 LAST_OBS_REPEATED = "whose last observation stands for the next observation, which is unknown: the task had ended"
 AT_A_JUMP = "that end where next_obs is not the obs of the next row: the data have no column of time limits"
 AT_THE_LIMIT = "that were cut after the time limit: the data do not say where a time limit ended them"
+TOO_LONG = "longer than the time limit: the steps until the limit were read"
 UNFINISHED = "without a word on the end, which counts as cut off by a time limit"
 
 
@@ -68,8 +69,8 @@ class Options:
         of their names, into one vector.
       max_episodes: how many episodes are read; None for all.
       action_limit: actions outside `[-action_limit, action_limit]` are counted; None for no limit.
-      time_limit: steps after which the task's time limit ends an episode. It is used where the data do not say whether
-        the task or its time limit ended an episode.
+      time_limit: steps after which the task's time limit ends an episode. Longer episodes are cut there. Where the data
+        do not say what ended an episode of this length, the time limit did.
     """
 
     obs_key: str | None = None
@@ -201,8 +202,8 @@ def from_episodes(
       obs_key: of dictionary observations, the entry to use, or "flatten" for all entries in the order of their names.
       max_episodes: how many episodes are read; None for all.
       action_limit: actions outside `[-action_limit, action_limit]` are counted.
-      time_limit: steps after which a time limit ends an episode. It is used for `done` and `terminal`, which do not
-        say what ended an episode.
+      time_limit: steps after which the task's time limit ends an episode. Longer episodes are cut there. Where only
+        `done` or `terminal` is known, the time limit ended the episodes of this length.
 
     Raises:
       InputError: if there is no episode, if an episode has no step, lacks observations or fits no other episode, or if
@@ -382,18 +383,25 @@ def gather(episodes: Iterable[Episode], origin: Origin, options: Options) -> Rea
 
 
 def described(demos: Demonstrations, origin: Origin, options: Options) -> Read:
-    """Demonstrations that are checked already, with their facts; copied only if fewer episodes are wanted."""
+    """Demonstrations that are checked already, with their facts; copied only if fewer steps are wanted."""
+    few, limit = options.max_episodes, options.time_limit
+    if (few is not None and few < len(demos.lengths)) or (limit is not None and limit < demos.lengths.max()):
+        return gather(_split(demos), origin, options)
     chosen(origin.name, demos.obs, options.obs_key)
-    if options.max_episodes is not None and options.max_episodes < len(demos.lengths):
-        lengths = demos.lengths[: options.max_episodes]
-        columns = {name: None if x is None else x[: lengths.sum()].copy() for name, x in demos._asdict().items()}
-        demos = Demonstrations(**columns | {"lengths": lengths})
     gathering = _Gathering(origin, options)
     gathering.lengths = demos.lengths.tolist()
     action = np.zeros((0, 1)) if demos.action is None else demos.action
     for start in range(0, len(action), BLOCK):
         gathering.count_outside(action[start : start + BLOCK])
     return Read(demos, gathering.facts(demos, int(demos.terminated.sum()), ""))
+
+
+def _split(demos: Demonstrations) -> Iterator[Episode]:
+    stops = np.cumsum(demos.lengths)
+    for start, stop in zip(stops - demos.lengths, stops, strict=True):
+        action, reward = (None if x is None else x[start:stop] for x in (demos.action, demos.reward))
+        end = TERMINATED if demos.terminated[stop - 1] else TRUNCATED
+        yield Episode(demos.obs[start:stop], action, demos.next_obs[start:stop], reward, end)
 
 
 class _Rows:
@@ -431,7 +439,10 @@ class _Gathering:
     def add(self, episode: Episode) -> None:
         where = f"{self.origin.name}, episode {len(self.lengths)}"
         columns = _columns(where, episode, self.options.obs_key)
-        steps = len(columns["obs"])
+        steps, limit = len(columns["obs"]), self.options.time_limit
+        if limit is not None and steps > limit:
+            columns, steps = {name: x[:limit] for name, x in columns.items()}, limit
+            episode = episode._replace(end=TRUNCATED, remarks=(TOO_LONG,))
         if not self.columns:
             capacity = self.origin.steps if self.origin.steps and self.options.max_episodes is None else steps
             self.columns = {name: _Rows(x.shape[1:], max(capacity, steps)) for name, x in columns.items()}

@@ -91,9 +91,24 @@ def test_without_time_limits_and_next_obs_a_given_limit_cuts(tmp_path, make_epis
     assert read(path).demos.lengths.tolist() == [7, 3]
 
 
-def test_a_time_limit_does_not_cut_what_says_where_it_ends(tmp_path, make_episodes, flat_columns, expected, same):
-    episodes = make_episodes([5, 3])
-    same(read(write_npz(tmp_path / "x", flat_columns(episodes)), time_limit=2).demos, expected(episodes))
+@given(lengths=LENGTHS, ends=st.lists(st.booleans(), max_size=5), limit=st.integers(2, 7))
+def test_episodes_are_cut_at_the_time_limit_and_no_end_is_left(
+    tmp_path_factory, make_episodes, flat_columns, expected, same, lengths, ends, limit
+):
+    episodes = make_episodes(lengths, ends)
+    is_long = [n > limit for n in lengths]
+    kept = [
+        e
+        | {"obs": e["obs"][: limit + 1], "action": e["action"][:limit], "reward": e["reward"][:limit]}
+        | ({"terminated": False} if long else {})
+        for e, long in zip(episodes, is_long, strict=True)
+    ]
+    folder = tmp_path_factory.mktemp("cut")
+    ours = demonstrations.save(folder / "ours.npz", expected(episodes), {"task": "toy"})
+    for path in (write_npz(folder / "x", flat_columns(episodes)), ours):
+        demos, facts = read(path, time_limit=limit)
+        same(demos, expected(kept))
+        assert sum(facts.remarks.values()) == sum(is_long)
 
 
 @pytest.mark.parametrize("name", ["lengths", "episode_starts"])

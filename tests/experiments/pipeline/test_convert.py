@@ -66,6 +66,19 @@ def test_the_scores_of_a_file_of_this_library_are_kept(here, run, capsys):
     assert "eairl imitate pendulum --demos few.npz" in capsys.readouterr().out
 
 
+def test_episodes_are_cut_at_the_time_limit_of_the_task(flat_file, here, run, capsys):
+    with np.load(flat_file) as arrays:
+        columns = {name: x for name, x in arrays.items() if name != "timeouts"}
+        whole = arrays["next_observations"][:-1] == arrays["observations"][1:]
+    columns["observations"][200] = columns["next_observations"][199]  # one episode of 400 steps
+    np.savez(here / "long.npz", **columns, timeouts=np.arange(400) == 399)
+    assert not whole.all()
+    assert run("demos", "pendulum", "--from", "long.npz") == 0
+    said = capsys.readouterr().out
+    assert "1 episode longer than the time limit: the steps until the limit were read." in said
+    assert demonstrations.load("demos/pendulum.npz").lengths.tolist() == [200]
+
+
 @pytest.mark.parametrize("option", ["--to", "--out"])
 @pytest.mark.parametrize("name", ["x.json", "x.hdf5", "x"])
 def test_another_suffix_is_kept_and_said(flat_file, here, run, capsys, option, name):
