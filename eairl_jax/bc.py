@@ -9,6 +9,7 @@ import jax.numpy as jnp
 
 from eairl_jax import agent, train_state
 from eairl_jax.config import Config
+from eairl_jax.environment import check_env
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.rl import RLState, make_rl
 from eairl_jax.types import Algorithm, Demonstrations, Env, HParams
@@ -24,6 +25,7 @@ def make_bc(env: Env, config: Config) -> Algorithm:
     Raises:
       InputError: if the environment's observations are not flat vectors.
     """
+    check_env(env)
     optimizer = make_optimizer(env, config)
 
     def step(state: RLState, hparams: HParams, demos: Demonstrations):

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
+from eairl_jax.environment import check_steps
 from eairl_jax.rollout import action_limit
 from eairl_jax.types import Env, Key, Transition
 
@@ -30,6 +31,7 @@ def evaluate(
       dict of `obs`, `action` (unclipped), `next_obs`, `reward`, `terminated`, each `[episodes, episode_length, ...]`.
       After the end of an episode `reward` and `terminated` are 0.
     """
+    check_steps(env)
     reset_key, key = jax.random.split(key)
     state = jax.vmap(env.reset)(jax.random.split(reset_key, episodes))
     limit = action_limit(env)

@@ -23,6 +23,7 @@ from eairl_jax import (
     train_state,
 )
 from eairl_jax.config import Config
+from eairl_jax.environment import check_env
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.types import Algorithm, Demonstrations, Env, HParams, Key, PyTree
 
@@ -67,6 +68,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
       InputError: if the method is unknown, if the environment's observations are not flat vectors, or if the method
         discriminates whole trajectories and a rollout does not consist of whole episodes.
     """
+    check_env(env)
     config = methods.with_method_defaults(config)
     discriminator_data.check_segments(config)
     obs_size, action_size = normalize.flat_size(env), env.action_size
