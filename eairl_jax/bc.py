@@ -9,6 +9,7 @@ import jax.numpy as jnp
 
 from eairl_jax import agent, horizon, train_state
 from eairl_jax.config import Config
+from eairl_jax.environment import check_env
 from eairl_jax.errors import InputError
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.rl import RLState, make_rl
@@ -26,6 +27,7 @@ def make_bc(env: Env, config: Config) -> Algorithm:
       InputError: if the environment's observations are not flat vectors; from `step`, if the demonstrations hold no
         actions.
     """
+    check_env(env)
     # The policy acts for the metric alone, so it acts in the task as it is.
     config = dataclasses.replace(horizon.resolved(env, config, "variable"), horizon="variable")
     optimizer = make_optimizer(env, config)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
+from eairl_jax.environment import check_steps
 from eairl_jax.rollout import action_limit
 from eairl_jax.types import Env, Key, Transition
 
@@ -31,6 +32,7 @@ def evaluate(
       episode_length, ...]`. `valid` is 0 for the steps after the end of an episode; `reward` and `terminated` are 0
       there too. `demonstrations.from_steps` makes demonstrations of the valid steps.
     """
+    check_steps(env)
     reset_key, key = jax.random.split(key)
     state = jax.vmap(env.reset)(jax.random.split(reset_key, episodes))
     limit = action_limit(env)

@@ -24,6 +24,7 @@ from eairl_jax import (
     train_state,
 )
 from eairl_jax.config import Config
+from eairl_jax.environment import check_env
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.types import Algorithm, Demonstrations, Env, HParams, Key, PyTree
 
@@ -68,6 +69,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
       InputError: if the method is unknown, if the environment's observations are not flat vectors, if there is no time
         limit, or if the method discriminates whole trajectories and a rollout does not consist of whole episodes.
     """
+    check_env(env)
     config = horizon.resolved(env, methods.with_method_defaults(config), horizon.of_learned_reward(env))
     horizon.warn_if_variable(env, config)
     env = horizon.learning_env(env, config)

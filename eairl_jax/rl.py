@@ -9,6 +9,7 @@ from flax import struct
 
 from eairl_jax import agent, horizon
 from eairl_jax.config import Config
+from eairl_jax.environment import check_env
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.types import Algorithm, Env, HParams, Key, PyTree, Transition, no_penalty
 
@@ -43,6 +44,7 @@ def make_rl(env: Env, config: Config, reward: Reward = true_reward) -> Algorithm
     Raises:
       InputError: if the environment's observations are not flat vectors, or if there is no time limit.
     """
+    check_env(env)
     config = horizon.resolved(env, config, "variable")
     env = horizon.learning_env(env, config)
     optimizer = make_optimizer(env, config)

@@ -20,6 +20,7 @@ with contextlib.redirect_stdout(io.StringIO()):  # both print a line about an op
     from brax.envs.base import Env, State
     from mujoco import mjx
 
+from eairl_jax.envs.names import TaskError
 from eairl_jax.envs.visuals import dress
 
 
@@ -75,11 +76,39 @@ class Physics:
     qacc_warmstart: jax.Array
 
 
-class TaskError(ValueError):
-    """Raised for a task that cannot be built or stepped as asked. The message says what was expected."""
+class Task(Env):
+    """What the commands ask of an environment, beside `reset`, `step`, `observation_size` and `action_size`.
+
+    `MjxTask` is such a task with a model of this package. `foreign.ForeignTask` makes such a task of any environment.
+
+    Attributes:
+      episode_length: steps of an episode. The caller ends the episode there.
+      action_limit: actions are clipped to [-action_limit, action_limit] before they are executed.
+      ends: whether the task itself can end an episode, before the time limit.
+      model: the compiled model, for pictures; None if the task has no MuJoCo model.
+      camera: the point of view of pictures.
+      dt: seconds between two observations; None if unknown.
+      gymnasium: the environment of Gymnasium that is the same task; None if Gymnasium has no such environment.
+    """
+
+    episode_length: int
+    action_limit: float = 1.0
+    ends: bool = True
+    model: mujoco.MjModel | None = None
+    camera: Camera = Camera(azimuth=90.0, elevation=-20.0, distance=4.0, follows=False)
+    gymnasium: GymnasiumTask | None = None
+
+    def qpos(self, state: Any) -> jax.Array | None:
+        """The positions `[nq]` of the model in a state of the task; None if the state does not hold them."""
+        raise NotImplementedError
+
+    @property
+    def dt(self) -> float | None:
+        """Seconds between two observations; None if unknown."""
+        return None
 
 
-class MjxTask(Env):
+class MjxTask(Task):
     """A brax environment over one MuJoCo model. `done` is always 0: only the caller's time limit ends an episode.
 
     To write a task, derive a class from this one. `pendulum.py` is the smallest example. The class
@@ -110,12 +139,9 @@ class MjxTask(Env):
     """
 
     ends = False
-    episode_length: int
-    action_limit: float = 1.0
-    camera: Camera
+    model: mujoco.MjModel
     obs_mean: tuple[float, ...]
     obs_std: tuple[float, ...]
-    gymnasium: GymnasiumTask | None = None
 
     def __init__(self, spec: mujoco.MjSpec, frame_skip: int):
         dress(spec)
@@ -177,6 +203,9 @@ class MjxTask(Env):
         )
         reward = self.reward(before, action, after)
         return dataclasses.replace(state, pipeline_state=after, obs=self.observe(after), reward=reward)
+
+    def qpos(self, state: Any) -> jax.Array:
+        return state.pipeline_state.qpos
 
     @property
     def observation_size(self) -> int:

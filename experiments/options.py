@@ -15,7 +15,14 @@ from tyro.conf import Positional, arg
 # An option whose help says what its default is, or that needs no default: tyro adds no "(default: None)".
 explained = functools.partial(arg, help_behavior_hint="")
 
-Task = Annotated[Positional[str], arg(metavar="TASK", help="Name of a task. `eairl tasks` lists the tasks.")]
+Task = Annotated[
+    Positional[str],
+    arg(
+        metavar="TASK",
+        help="Name of a task: one of ours, brax:NAME, playground:NAME, or FILE.py:FUNCTION for a task of yours. `eairl "
+        "tasks` lists the tasks.",
+    ),
+]
 Set = Annotated[
     tuple[str, ...],
     explained(
@@ -46,7 +53,10 @@ Out = Annotated[
 ]
 Demos = Annotated[
     Path | None,
-    explained(metavar="FILE", help="Demonstrations (.npz). Default: the 20 episodes that come with the package."),
+    explained(
+        metavar="FILE",
+        help="Demonstrations (.npz). Default: the 20 episodes that come with the package, or demos/TASK.npz.",
+    ),
 ]
 Optimizer = Annotated[Literal["ppo", "trpo"], arg(help="The algorithm that trains policies.")]
 Tuned = Annotated[

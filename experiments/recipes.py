@@ -193,6 +193,40 @@ SWIMMER: dict[str, Section] = {
     ),
 }
 
+# Of tasks that are not in `RECIPES`. Their episodes are as long as those of brax (1,000 steps), or shorter.
+LONG_EPISODE = 300
+DEFAULTS: dict[str, Section] = {
+    "all": dict(num_envs=128, rollout_length=50, ppo_minibatches=16),
+    "expert": WALK | dict(log_std_max=0.5, iterations=400),
+    "imitate": dict(iterations=400),
+    "reward": dict(iterations=400, snapshot_every=100),
+    "retrain": WALKER["retrain"] | dict(iterations=400, source_retrain_iterations=100),
+}
+# Short episodes are learned with smaller batches: one iteration is 1,600 steps, about those of the pendulum.
+SHORT_DEFAULTS: dict[str, Section] = {
+    "all": dict(num_envs=32, rollout_length=50, ppo_minibatches=4),
+    "retrain": dict(actions="clipped", restarts=1, std_final_fraction=1.0, log_std_init=-0.5, log_std_max=0.5),
+}
+
+
+def sections_of(task: str, episode_length: int, declares_scale: bool) -> dict[str, Section]:
+    """The sections of a task: those of `RECIPES`, or defaults that depend on two facts alone.
+
+    Args:
+      task: its name, without arguments.
+      episode_length: steps of an episode.
+      declares_scale: whether the task declares the scale of its observations. Else the scale is learned.
+    """
+    if task in RECIPES:
+        return RECIPES[task]
+    sections = DEFAULTS if episode_length > LONG_EPISODE else SHORT_DEFAULTS
+    scale = {} if declares_scale else dict(normalize_obs="running")
+    # A method that discriminates trajectories needs rollouts of whole episodes; 16 divides a batch of these.
+    whole = dict(num_envs=16 * max(1, 400 // episode_length), rollout_length=episode_length)
+    whole_episodes = {f"{purpose} gan_gcl": whole for purpose in ("imitate", "reward")}
+    return whole_episodes | sections | {"all": sections["all"] | scale}
+
+
 RECIPES: dict[str, dict[str, Section]] = {
     # One iteration of the pendulum is the paper's 2,000 steps, one of a maze is 32 whole episodes.
     "pendulum": {

@@ -13,8 +13,9 @@ from typing import Any
 
 from eairl_jax import Config, HParams, InputError
 from eairl_jax.config import choose
-from eairl_jax.envs.mjx_task import MjxTask
-from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES
+from eairl_jax.envs.mjx_task import Task
+from eairl_jax.envs.names import OWN, parse
+from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES, sections_of
 from eairl_jax.hparams import check_hparams
 from eairl_jax.methods import METHODS, uses_empowerment, with_method_defaults
 
@@ -85,7 +86,7 @@ PENALTY_OF_WEIGHT = {
 }
 
 
-def recipe(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any], tuned: bool = False) -> Recipe:
+def recipe(task: str, env: Task, purpose: str, overrides: dict[str, Any], tuned: bool = False) -> Recipe:
     """The settings of a task for a purpose, with a user's overrides on top.
 
     Args:
@@ -106,21 +107,32 @@ def recipe(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any], tun
     return result.checked()
 
 
-def _merged(task: str, env: MjxTask, purpose: str, overrides: dict[str, Any], tuned: bool) -> dict[str, Any]:
+def _merged(task: str, env: Task, purpose: str, overrides: dict[str, Any], tuned: bool) -> dict[str, Any]:
     """All sections that apply, the later ones on top."""
-    sections = RECIPES.get(task, {})
+    sections = sections_of_task(task, env)
     merged = {"episode_length": env.episode_length}
     merged |= PURPOSE_DEFAULTS[purpose] | sections.get("all", {}) | sections.get(purpose, {})
     for name in ("reward_form", "method"):
         merged |= sections.get(f"{purpose} {overrides.get(name)}", {})
     if tuned:
         tasks = sorted(name for name in RECIPES if f"{purpose} tuned" in RECIPES[name])
-        if task not in tasks:
+        if f"{purpose} tuned" not in sections:
             raise InputError(
                 f"--tuned: {task} has no tuned settings to {purpose}; these tasks have: {', '.join(tasks)}"
             )
         merged |= sections[f"{purpose} tuned"]
     return merged | overrides
+
+
+def has_recipe(task: str) -> bool:
+    """Whether a task has an entry of its own in `RECIPES`."""
+    return parse(task).origin == OWN and parse(task).name in RECIPES
+
+
+def sections_of_task(task: str, env: Task) -> dict[str, dict[str, Any]]:
+    """The sections of a task, as `recipes.sections_of` gives them."""
+    base = parse(task).name if has_recipe(task) else task
+    return sections_of(base, env.episode_length, hasattr(env, "obs_mean"))
 
 
 def _check_training(recipe: Recipe) -> None:

@@ -26,6 +26,7 @@ from eairl_jax import (
     replay,
     rollout,
 )
+from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.display.console import console
 from eairl_jax.experiments.options import Bench
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations
@@ -34,7 +35,7 @@ from eairl_jax.experiments.pipeline.train import LEARN, lane_keys
 from eairl_jax.methods import METHODS, with_method_defaults
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.storage import write_json
-from eairl_jax.types import PyTree, no_penalty
+from eairl_jax.types import Key, PyTree, no_penalty
 
 SEEDS = 5
 ROUNDS = 7
@@ -56,10 +57,13 @@ def run(options: Bench, command_line: str) -> None:
         _print(experiment, results[experiment.name])
     if len(experiments) > 1:
         _compare(task, results)
+    in_c = ""
+    if "mjx_over_c" in simulation:
+        c, ratio = simulation["c_steps_per_second"], simulation["mjx_over_c"]
+        in_c = f", the C engine (mujoco.rollout, {simulation['threads']} threads) {c:,.0f}; MJX over C {ratio:.2f}"
     console.print(
-        f"random actions, {simulation['envs']} environments: MJX on {simulation['devices']} devices "
-        f"{simulation['mjx_steps_per_second']:,.0f} env steps/s, the C engine (mujoco.rollout, {simulation['threads']} "
-        f"threads) {simulation['c_steps_per_second']:,.0f}; MJX over C {simulation['mjx_over_c']:.2f}\n"
+        f"random actions, {simulation['envs']} environments: {'MJX' if in_c else 'JAX'} on {simulation['devices']} "
+        f"devices {simulation['mjx_steps_per_second']:,.0f} env steps/s{in_c}\n"
         f"peak memory of all measurements {simulation['peak_memory_gb']:.1f} GB"
     )
     if options.json:
@@ -98,14 +102,13 @@ def measure(experiments: list[Experiment], iterations: int) -> tuple[dict[str, d
         }
     config, devices = experiments[0].recipe.config, len(jax.devices())
     steps = config.steps_per_iteration * devices
-    mjx, c = (seconds["engines", name] for name in ("MJX", "C"))
+    mjx, c = seconds["engines", "MJX"], seconds.get(("engines", "C"))
     simulation = {
         "envs": config.num_envs * devices,
         "devices": devices,
         "threads": threads,
         "mjx_steps_per_second": steps / mjx,
-        "c_steps_per_second": steps / c,
-        "mjx_over_c": c / mjx,
+        **({"c_steps_per_second": steps / c, "mjx_over_c": c / mjx} if c else {}),
         "peak_memory_gb": peak_memory_gb(),
     }
     return results, simulation
@@ -175,7 +178,10 @@ def stages(experiment: Experiment, iterations: int) -> dict[str, Callable[[], No
 
 
 def engines(experiment: Experiment, iterations: int, threads: int) -> dict[str, Callable[[], None]]:
-    """The same simulation, uniformly random actions, by MJX on every device and by `mujoco.rollout` on every core."""
+    """The same simulation, uniformly random actions, by MJX on every device and by `mujoco.rollout` on every core.
+
+    Only an `MjxTask` has the second.
+    """
     env, config, devices = experiment.source.env, experiment.recipe.config, len(jax.devices())
     keys = jax.random.split(jax.random.PRNGKey(0), devices)
 
@@ -189,8 +195,16 @@ def engines(experiment: Experiment, iterations: int, threads: int) -> dict[str, 
 
     lanes = Lanes(Algorithm(start, step, lambda *_: None), keys, HParams())
     lanes.compile(lanes.init(), iterations)
+    programs = {"MJX": lambda: jax.block_until_ready(lanes.run(lanes.init(), iterations)[0])}
+    if isinstance(env, MjxTask):
+        programs["C"] = _in_c_engine(env, experiment, keys[0], iterations, threads)
+    return programs
 
-    starts = jax.vmap(env.initial)(jax.random.split(keys[0], config.num_envs * devices))
+
+def _in_c_engine(env: MjxTask, experiment: Experiment, key: Key, iterations: int, threads: int) -> Callable[[], None]:
+    """The simulation by `mujoco.rollout` on every core."""
+    config, devices = experiment.recipe.config, len(jax.devices())
+    starts = jax.vmap(env.initial)(jax.random.split(key, config.num_envs * devices))
     data, full = mujoco.MjData(env.model), mujoco.mjtState.mjSTATE_FULLPHYSICS
     states = []
     for qpos, qvel in zip(*map(np.asarray, starts), strict=True):
@@ -208,10 +222,7 @@ def engines(experiment: Experiment, iterations: int, threads: int) -> dict[str, 
             trajectories, _ = pool.rollout(env.model, copies, now, actions)
             now = np.asarray(trajectories)[:, -1].copy()
 
-    return {
-        "MJX": lambda: jax.block_until_ready(lanes.run(lanes.init(), iterations)[0]),
-        "C": in_c,
-    }
+    return in_c
 
 
 def simulate(key: jax.Array, state: PyTree, env, config) -> PyTree:

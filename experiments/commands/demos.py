@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import jax
 
 from eairl_jax import Demonstrations, InputError, demonstrations, evaluate
+from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.console import console
 from eairl_jax.experiments.options import Collect
 from eairl_jax.experiments.pipeline.convert import convert, refuse_contradictions
-from eairl_jax.experiments.pipeline.experiment import SCORE_EPISODES, make_env, random_return
+from eairl_jax.experiments.pipeline.experiment import DEMOS, SCORE_EPISODES, make_env, random_return
 from eairl_jax.experiments.pipeline.policies import Policies, best_expert
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
 from eairl_jax.experiments.pipeline.train import RUNS, final_returns
@@ -28,8 +27,8 @@ def run(options: Collect, command_line: str) -> None:
     if episodes < 1:
         raise InputError(f"--episodes {episodes}: expected at least 1")
     env = make_env(task)
-    expert = best_expert(options.expert or RUNS / f"expert-{task}", task)
-    path = demonstrations.npz_path(options.out or Path("demos") / f"{task}.npz")
+    expert = best_expert(options.expert or RUNS / f"expert-{file_name(task)}", task)
+    path = demonstrations.npz_path(options.out or DEMOS / f"{file_name(task)}.npz")
     check_writable(path)
     scores = _scores(expert, options.seed)
     demos = _collect(expert, episodes, options.seed)

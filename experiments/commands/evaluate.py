@@ -29,9 +29,10 @@ def run(options: Evaluate, command_line: str) -> None:
     trained = policies.load(options.run_folder)
     if options.json:
         check_writable(options.json)
-    returns = {"MJX": final_returns(trained.env, trained.algorithm, trained.state, trained.seeds, episodes, sampled)}
-    if options.engine in ENGINES:
-        env = make_env(trained.task, fidelity="exact") if options.engine == "exact" else trained.env
+    env = _c_engine_task(trained, options.engine)
+    engine = "MJX" if isinstance(trained.env, MjxTask) else "JAX"
+    returns = {engine: final_returns(trained.env, trained.algorithm, trained.state, trained.seeds, episodes, sampled)}
+    if env is not None:
         with console.status(f"{trained.task}: {episodes} episodes of each seed in the C engine"):
             returns[ENGINES[options.engine]] = c_engine_returns(trained, env, episodes, sampled)
     policy = "sampled policy" if sampled else "mean action"
@@ -42,10 +43,28 @@ def run(options: Evaluate, command_line: str) -> None:
         write_json(options.json, content | {"returns": figures})
 
 
+def _c_engine_task(trained: Policies, engine: str) -> MjxTask | None:
+    """The task for the C engine; None if the engine is not asked for.
+
+    Raises:
+      InputError: if the task is none that the C engine can simulate.
+    """
+    if engine not in ENGINES:
+        return None
+    if not isinstance(trained.env, MjxTask):
+        raise InputError(
+            f"--engine {engine}: the C engine needs a task that derives from eairl_jax.envs.mjx_task.MjxTask, which "
+            f"{trained.task} does not: leave --engine out"
+        )
+    env = make_env(trained.task, fidelity="exact") if engine == "exact" else trained.env
+    assert isinstance(env, MjxTask)
+    return env
+
+
 def c_engine_returns(trained: Policies, env: MjxTask, episodes: int, sampled: bool) -> np.ndarray:
     """True returns `[seeds, episodes]` in the C engine of `env`; episodes start as those of `final_returns` do."""
     engines = [c_engine.make(env) for _ in range(episodes)]
-    limit, length = trained.env.action_limit, trained.env.episode_length
+    limit, length = env.action_limit, env.episode_length
 
     @jax.jit
     def act(state, obs, key):
@@ -53,7 +72,7 @@ def c_engine_returns(trained: Policies, env: MjxTask, episodes: int, sampled: bo
 
     def seed_returns(state, key) -> np.ndarray:
         reset_key, key = jax.random.split(key)
-        starts = map(np.asarray, jax.vmap(trained.env.initial)(jax.random.split(reset_key, episodes)))
+        starts = map(np.asarray, jax.vmap(env.initial)(jax.random.split(reset_key, episodes)))
         obs = np.stack([engine.start(*start) for engine, *start in zip(engines, *starts, strict=True)])
         total = np.zeros(episodes)
         for step_key in jax.random.split(key, length):

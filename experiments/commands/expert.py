@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 
 import numpy as np
 
 from eairl_jax import InputError, Lanes, make_rl
+from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.console import Line, print_table, say
 from eairl_jax.experiments.display.plots import Curve, plot
 from eairl_jax.experiments.options import Expert
 from eairl_jax.experiments.paper import published
-from eairl_jax.experiments.pipeline.experiment import make_env
+from eairl_jax.experiments.pipeline.experiment import explain_defaults, make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.train import LEARN, RUNS, final_returns, lane_keys, train
 from eairl_jax.experiments.settings import TRIALS, Recipe, parse_overrides, recipe, refuse_unread
@@ -37,7 +39,8 @@ def run(options: Expert, command_line: str) -> None:
         "hparams": dataclasses.asdict(training.hparams),
         "snapshot_every": training.snapshot_every,
     }
-    folder = RunFolder(options.out or RUNS / f"expert-{task}", settings)
+    explain_defaults(task)
+    folder = RunFolder(options.out or RUNS / f"expert-{file_name(task)}", settings)
     summary = folder.summary()
     if summary is None:
         summary = {"command_line": command_line, "task": task} | _train(folder, env, training, seeds)
@@ -50,7 +53,7 @@ def run(options: Expert, command_line: str) -> None:
         Line("its mean action", np.array(summary["returns_mean_action"])),
     ]
     print_table(f"Experts of {task} after {summary['env_steps']:,} environment steps", lines)
-    say(f"in {folder.path}/; collect demonstrations with `eairl demos {task}`")
+    say(f"in {folder.path}/; collect demonstrations with `eairl demos {shlex.quote(task)}`")
 
 
 def _train(folder: RunFolder, env, training: Recipe, seeds: int) -> dict:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eairl_jax.experiments.commands.saturation import warn_if_saturated
-from eairl_jax.experiments.display.console import Line, print_table, say
+from eairl_jax.experiments.display.console import Line, print_table, say, say_if_no_expert, with_references
 from eairl_jax.experiments.options import Imitate
 from eairl_jax.experiments.paper import published
 from eairl_jax.experiments.pipeline.experiment import imitations
@@ -26,9 +26,10 @@ def run(options: Imitate, command_line: str) -> None:
         warn_if_saturated(results[-1])
     task, reference = options.task, experiments[0].source.reference
     expert = published.figure(published.IMITATION, task, "expert")
-    lines = [Line("expert", np.array([reference.expert]), expert, 1.0)]
+    lines = []
     for result in results:
         figure = published.figure(published.IMITATION, task, result.method) if result.is_published else None
         lines.append(Line(result.name, np.array(result.returns), figure, result.normalized))
-    lines.append(Line("random actions", np.array([reference.random]), None, 0.0))
+    lines = with_references(lines, reference.expert, reference.random, expert)
     print_table(f"Imitation of {task}: true return of the sampled policy, {options.seeds} seeds", lines)
+    say_if_no_expert(task, reference.expert)

@@ -10,8 +10,8 @@ from rich.table import Table
 from eairl_jax.experiments.display.console import console, say
 from eairl_jax.experiments.options import Settings
 from eairl_jax.experiments.pipeline.experiment import make_env
-from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES
-from eairl_jax.experiments.settings import GROUPS, documentation
+from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS
+from eairl_jax.experiments.settings import GROUPS, documentation, sections_of_task
 
 GROUP_TITLES = {
     "config": "Names and counts (Config)",
@@ -53,7 +53,7 @@ def _print_recipes(task: str) -> None:
 
 def sections(task: str) -> dict[str, dict[str, Any]]:
     """The sections of a task's recipes; those of whole purposes contain the purpose's defaults and the task's "all"."""
-    own = RECIPES.get(task, {})
+    own = sections_of_task(task, make_env(task))
     whole = {
         purpose: defaults | own.get("all", {}) | own.get(purpose, {}) for purpose, defaults in PURPOSE_DEFAULTS.items()
     }

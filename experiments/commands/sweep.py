@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eairl_jax.experiments.commands.saturation import warn_if_saturated
-from eairl_jax.experiments.display.console import Line, print_table, say
+from eairl_jax.experiments.display.console import Line, print_table, say, say_if_no_expert, with_references
 from eairl_jax.experiments.options import Sweep
 from eairl_jax.experiments.pipeline.experiment import sweeps
 from eairl_jax.experiments.pipeline.run import point_name
@@ -19,8 +19,10 @@ def run(options: Sweep, command_line: str) -> None:
     path = options.out or RUNS / experiment.folder_name()
     result = run_experiment(experiment, path, command_line)
     warn_if_saturated(result)
-    lines = [Line("expert", np.array([result.expert]), None, 1.0)]
+    lines = []
     for point, returns in zip(result.points, np.reshape(result.returns, (len(result.points), -1)), strict=True):
         lines.append(Line(point_name(point), returns, None, result.reference.normalized(returns.mean())))
+    lines = with_references(lines, result.expert, result.random)
     print_table(f"{result.name} in {result.task}: true return, {options.seeds} seeds for each setting", lines)
+    say_if_no_expert(result.task, result.expert)
     say(f"in {path}/; curves.png shows the settings side by side")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from rich.table import Table
 
 from eairl_jax import InputError, demonstrations, envs
+from eairl_jax.envs import registry
 from eairl_jax.experiments.display.console import console, say
 from eairl_jax.experiments.options import Tasks
 from eairl_jax.experiments.pipeline.experiment import make_env, shipped_demonstrations
@@ -24,7 +25,20 @@ def run(options: Tasks, command_line: str) -> None:
         summaries.append(_summary(name, type(env).__doc__ or ""))
     console.print(table)
     console.print("\n".join(summaries), markup=False, highlight=False)
+    console.print("\n".join(_elsewhere()), markup=False, highlight=False)
     say("expert: mean true return of the expert that made the shipped demonstrations, sampled, over 500 episodes")
+
+
+def _elsewhere() -> list[str]:
+    """The names of other tasks, and how a task of the user is named."""
+    playground = ", ".join(registry.playground_names()) or 'not installed; pip install "eairl-jax[playground]"'
+    return [
+        "",
+        f"brax:NAME, e.g. brax:hopper. NAME: {', '.join(registry.brax_names())}",
+        f"playground:NAME, e.g. playground:CheetahRun. NAME: {playground}",
+        "FILE.py:FUNCTION, e.g. my_tasks.py:make_env, or MODULE:FUNCTION: a function that returns an environment",
+        "arguments follow a question mark: 'brax:ant?backend=mjx&terminate_when_unhealthy=false'",
+    ]
 
 
 def _returns(task: str) -> list[str]:

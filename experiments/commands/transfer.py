@@ -9,10 +9,10 @@ import numpy as np
 
 from eairl_jax import InputError, load_reward
 from eairl_jax.experiments.commands.saturation import warn_if_saturated
-from eairl_jax.experiments.display.console import Line, print_table, say
+from eairl_jax.experiments.display.console import Line, print_table, say, say_if_no_expert, with_references
 from eairl_jax.experiments.options import Transfer
 from eairl_jax.experiments.paper import published
-from eairl_jax.experiments.pipeline.experiment import refuse_other_sizes, target_of, transfers
+from eairl_jax.experiments.pipeline.experiment import measured, refuse_other_sizes, target_of, transfers
 from eairl_jax.experiments.pipeline.run import Result, learning_folder, reuse
 from eairl_jax.experiments.pipeline.run import run as run_experiment
 from eairl_jax.experiments.pipeline.train import RUNS
@@ -56,16 +56,13 @@ def _reuse(options: Transfer, out: Path, command_line: str) -> Result:
             f"{options.reward} was learned in {reward.description['task']}, not in {options.source}: name the task "
             "in which the reward was learned"
         )
-    return reuse(options.reward, reward, target, out, command_line)
+    return reuse(options.reward, reward, measured(target), out, command_line)
 
 
 def _print(options: Transfer, results: list[Result]) -> None:
     target, ceiling, reference = options.target, np.array(results[0].ceiling), results[0].reference
     expert = published.figure(published.TRANSFER, target, "expert")
-    lines = [
-        Line("expert", np.array([reference.expert]), expert, 1.0),
-        Line("ceiling", ceiling, None, reference.normalized(ceiling.mean()), "trained alike on the true reward"),
-    ]
+    lines = [Line("ceiling", ceiling, None, reference.normalized(ceiling.mean()), "trained alike on the true reward")]
     for result in results:
         figure = published.figure(published.TRANSFER, target, result.method) if result.is_published else None
         iterations = " ".join(map(str, result.chosen_iterations))
@@ -75,9 +72,10 @@ def _print(options: Transfer, results: list[Result]) -> None:
         note += f", learned reward a step {learned}, {share} of the best known" if learned else ""
         name = result.name if len(options.rule) == 1 else f"{result.name}, {result.rule}"
         lines.append(Line(name, np.array(result.returns), figure, result.normalized, note))
-    lines.append(Line("random actions", np.array([reference.random]), None, 0.0))
+    lines = with_references(lines, reference.expert, reference.random, expert)
     seeds = len(results[0].seeds)
     print_table(f"Reward learned in {options.source}, used in {target}: true return, {seeds} seeds", lines)
+    say_if_no_expert(target, reference.expert)
     restarts = (results[0].retrain_settings or results[0].settings)["restarts"]
     if restarts > 1:
         say(f"each score is that of the best of {restarts} policies by the reward that they were trained on")

@@ -8,7 +8,7 @@ from eairl_jax.experiments.display.episode_page import page
 from eairl_jax.experiments.display.render import draw
 from eairl_jax.experiments.options import View
 from eairl_jax.experiments.pipeline import policies
-from eairl_jax.experiments.pipeline.episodes import play
+from eairl_jax.experiments.pipeline.episodes import check_drawable, play
 from eairl_jax.experiments.pipeline.run_folder import check_writable
 
 
@@ -19,10 +19,13 @@ def run(options: View, command_line: str) -> None:
     seed = trained.seeds[0] if options.seed is None else options.seed
     if seed not in trained.seeds:
         raise InputError(f"--seed {seed}: the run has seeds {', '.join(map(str, trained.seeds))}")
+    check_drawable(trained.task, trained.env)
     folder = options.out or options.run_folder / "view"
     check_writable(folder / "episode.html")
     episodes = play(trained, [trained.seeds.index(seed)])
-    qpos, title = episodes.qpos[0], f"{options.run_folder.name}, seed {seed}: return {episodes.returns[0]:.2f}"
+    qpos = episodes.qpos[0, : episodes.lengths[0] + 1]
+    title = f"{options.run_folder.name}, seed {seed}: return {episodes.returns[0]:.2f}"
+    title += f", ended after {len(qpos) - 1} steps" if len(qpos) <= trained.env.episode_length else ""
     (folder / "episode.html").write_text(page(title, trained.env, qpos), encoding="utf-8")
     console.print(
         f"{title}\n{folder}/episode.html plays the episode in any browser, without a network",

@@ -36,6 +36,22 @@ class Line(NamedTuple):
     note: str = ""
 
 
+def with_references(lines: Sequence[Line], expert: float | None, random: float, paper=None) -> list[Line]:
+    """The lines between the expert's, if its return is known, and that of random actions.
+
+    Args:
+      paper: the paper's mean and standard deviation of its expert, if it has them.
+    """
+    first = [] if expert is None else [Line("expert", np.array([expert]), paper, 1.0)]
+    return [*first, *lines, Line("random actions", np.array([random]), None, None if expert is None else 0.0)]
+
+
+def say_if_no_expert(task: str, expert: float | None) -> None:
+    """Says why a table has no normalised scores."""
+    if expert is None:
+        say(f"no expert of {task} is known, so no score is normalised")
+
+
 def mean_and_std(mean: float, std: float) -> str:
     """For example `-7.01 ± 0.61`."""
     return f"{mean:.2f} ± {std:.2f}"
@@ -46,7 +62,11 @@ def print_table(title: str, lines: Sequence[Line]) -> None:
 
     A terminal that is too narrow for the columns gets a paragraph for each line instead.
     """
-    titles = ["mean ± std", *(["paper"] if any(line.paper for line in lines) else []), "normalized"]
+    titles = [
+        "mean ± std",
+        *(["paper"] if any(line.paper for line in lines) else []),
+        *(["normalized"] if any(line.normalized is not None for line in lines) else []),
+    ]
     cells = [[_cells(line)[title] for title in titles] for line in lines]
     widths = [max(map(len, column)) for column in zip(titles, *cells, strict=True)]
     # Two spaces and a border belong to each column.

@@ -12,7 +12,7 @@ from importlib.resources import files
 import mujoco
 import numpy as np
 
-from eairl_jax.envs.mjx_task import MjxTask
+from eairl_jax.envs.mjx_task import Task
 
 SHAPES = {
     mujoco.mjtGeom.mjGEOM_PLANE: "Plane",
@@ -21,6 +21,7 @@ SHAPES = {
     mujoco.mjtGeom.mjGEOM_CYLINDER: "Cylinder",
     mujoco.mjtGeom.mjGEOM_BOX: "Box",
 }
+UNKNOWN_DT = 0.05  # seconds between two observations of a task that does not say
 BRAX_MODULES = ("viewer", "animator", "selector", "system")
 # three.js r154 is the last release whose lights are as bright as those of r150, which brax's viewer was written for.
 OUR_MODULES = {
@@ -30,7 +31,7 @@ OUR_MODULES = {
 }
 
 
-def page(title: str, env: MjxTask, qpos: np.ndarray) -> str:
+def page(title: str, env: Task, qpos: np.ndarray) -> str:
     """The page, as text.
 
     Args:
@@ -41,13 +42,14 @@ def page(title: str, env: MjxTask, qpos: np.ndarray) -> str:
     return template.substitute(title=html.escape(title), importmap=json.dumps(_import_map()), system=system)
 
 
-def scene(env: MjxTask, qpos: np.ndarray) -> dict:
+def scene(env: Task, qpos: np.ndarray) -> dict:
     """What brax's viewer reads: the shapes of every body, where each body is after every step, and the camera."""
     model = env.model
+    assert model is not None  # `episodes.check_drawable` refuses a task without a model
     states = _body_poses(model, qpos)
     target = np.array(states[0]["pos"][0] if env.camera.follows else model.stat.center)
     return {
-        "opt": {"timestep": env.dt},
+        "opt": {"timestep": env.dt or UNKNOWN_DT},
         "geoms": _shapes(model),
         "states": {"x": states},
         "camera": {

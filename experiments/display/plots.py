@@ -108,7 +108,7 @@ def plot_sweep(
     returns: np.ndarray,
     curves: np.ndarray,
     steps_per_iteration: int,
-    expert: float,
+    expert: float | None,
 ) -> None:
     """Saves two panels that compare the settings of a sweep.
 
@@ -117,7 +117,7 @@ def plot_sweep(
       returns: final true returns `[settings, seeds]`; the first panel shows each as a dot.
       curves: true returns while learning, `[settings, seeds, iterations]`; the second panel shows means over seeds.
       steps_per_iteration: environment steps of one seed in one iteration.
-      expert: true return of the demonstrator, drawn as a horizontal line.
+      expert: true return of the demonstrator, drawn as a horizontal line; None if it is unknown.
     """
     from matplotlib import colormaps
     from matplotlib.ticker import EngFormatter
@@ -135,6 +135,7 @@ def plot_sweep(
     learning.xaxis.set_major_formatter(EngFormatter(sep=""))
     learning.legend(frameon=False, fontsize=8)
     for axis in (final, learning):
-        _mark_level(axis, "expert", expert)
+        if expert is not None:
+            _mark_level(axis, "expert", expert)
         axis.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=130)

@@ -17,15 +17,16 @@ import mujoco
 import numpy as np
 
 if TYPE_CHECKING:
-    from eairl_jax.envs.mjx_task import MjxTask
+    from eairl_jax.envs.mjx_task import Task
 
 WIDTH, HEIGHT = 320, 240  # of a frame, in pixels
 STRIP_FRAMES = 8  # in two rows of four
 MOVIE_FRAMES = 125  # at most
+UNKNOWN_DT = 0.05  # seconds between two observations of a task that does not say
 CANNOT_DRAW = 3  # exit code: the machine has no working OpenGL
 
 
-def draw(env: MjxTask, qpos: np.ndarray, strip: Path, movie: Path) -> str | None:
+def draw(env: Task, qpos: np.ndarray, strip: Path, movie: Path) -> str | None:
     """Writes a strip of frames (PNG) and a movie (GIF) of an episode.
 
     Args:
@@ -44,7 +45,7 @@ def draw(env: MjxTask, qpos: np.ndarray, strip: Path, movie: Path) -> str | None
         mujoco.mj_saveModel(env.model, str(model), None)
         camera = env.camera
         view = [camera.azimuth, camera.elevation, camera.distance, camera.follows]
-        np.savez(episode, qpos=qpos, seconds=env.dt, view=view)
+        np.savez(episode, qpos=qpos, seconds=env.dt or UNKNOWN_DT, view=view)
         command = [sys.executable, "-P", __file__, model, episode, strip, movie]
         done = subprocess.run([*map(str, command)], env=os.environ | backend, capture_output=True, text=True)
     # A negative code says that a signal ended the process: the driver crashed.

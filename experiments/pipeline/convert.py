@@ -7,10 +7,11 @@ from pathlib import Path
 
 from eairl_jax import InputError, demonstration_files, demonstrations, minari_sets
 from eairl_jax.demonstration_files import PREFIX
+from eairl_jax.envs.names import file_name
 from eairl_jax.episodes import Read
 from eairl_jax.experiments.display.console import console
 from eairl_jax.experiments.options import Collect
-from eairl_jax.experiments.pipeline.experiment import make_env, shipped_demonstrations
+from eairl_jax.experiments.pipeline.experiment import DEMOS, make_env, shipped_demonstrations
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
 
 SHIPPED = "shipped"
@@ -46,7 +47,7 @@ def convert(options: Collect, command_line: str) -> None:
     task = options.task
     env = make_env(task)
     source = str(shipped_demonstrations(task)) if options.source == SHIPPED else options.source
-    destination = options.to or str(options.out or Path("demos") / f"{task}.npz")
+    destination = options.to or str(options.out or DEMOS / f"{file_name(task)}.npz")
     is_minari = destination.startswith(PREFIX)
     path = demonstrations.npz_path(destination)
     if is_minari:

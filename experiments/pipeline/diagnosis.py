@@ -20,8 +20,9 @@ import numpy as np
 
 from eairl_jax import InputError, evaluate, horizon, load_reward, plans
 from eairl_jax.agent import clip_actions
+from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.pipeline import policies
-from eairl_jax.experiments.pipeline.experiment import Reference, Target
+from eairl_jax.experiments.pipeline.experiment import DEMOS, Reference, Target, measured
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import (
     BEST_PLAN,
@@ -106,6 +107,7 @@ class Diagnosis:
         "not optimised": another behaviour is worth clearly more to the reward than the trained policy. "mistaken": the
         training found the best known, and a behaviour of a higher true return is worth less. "agrees": else.
         """
+        assert self.reference.expert is not None  # `diagnose` refuses a target without an expert
         margin = BETTER * (self.reference.expert - self.reference.random)
         is_worse = self.best_true > self.behaviours[TRAINED].true + margin
         return [
@@ -184,13 +186,18 @@ def diagnose(path: Path, target: Target, others: Sequence[Played] = ()) -> Diagn
     """
     if not (path / "reward").is_dir():
         raise InputError(f"{path} holds no reward/: give the folder of a finished `eairl transfer`")
-    if target.demos is None or target.demos.action is None:
-        raise InputError(f"{target.task} has no demonstrations to compare with: put some into the package's data/")
+    demos, expert_return = target.demos, target.reference.expert
+    if demos is None or demos.action is None or expert_return is None:
+        raise InputError(
+            f"{target.task} has no expert to compare with: put demonstrations with actions and rewards at "
+            f"{DEMOS / file_name(target.task)}.npz (`eairl demos` writes them)"
+        )
     for other in others:
         if other.task != target.task:
             raise InputError(
                 f"{other.name}: its policies act in {other.task}, not in {target.task}: give runs of one task"
             )
+    target = measured(target)
     trained, reward = policies.load(path), load_reward(path / "reward")
     labels = [{"seed": seed} for seed in trained.seeds]
     training = Training(target, reward, labels, DIAGNOSE)
@@ -199,7 +206,7 @@ def diagnose(path: Path, target: Target, others: Sequence[Played] = ()) -> Diagn
     behaviours = {
         TRAINED: Behaviour(worth(RunFolder(path, trained.settings)).kept, np.array(scored)),
         FROM_EXPERT: _from_expert(RunFolder(path / "from_expert", {"part": "from the expert"}), training),
-        EXPERT: _of_steps(training, expert_steps(training), target.reference.expert),
+        EXPERT: _of_steps(training, expert_steps(training), expert_return),
         BEST_PLAN: _best_plan(training),
         **{f"policies of {other.name}": _of_policies(training, other) for other in others},
         RANDOM: _of_steps(training, random, target.reference.random),

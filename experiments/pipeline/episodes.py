@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from eairl_jax.envs.mjx_task import Physics, State
+from eairl_jax import InputError
+from eairl_jax.envs.mjx_task import Task
 from eairl_jax.experiments.pipeline.policies import Policies
 from eairl_jax.experiments.pipeline.train import EVALUATE, lane_keys, take_lanes
 
@@ -17,25 +19,45 @@ class Episodes(NamedTuple):
     """One episode of each policy.
 
     Attributes:
-      qpos: `[lanes, T + 1, nq]` positions, the start included.
+      qpos: `[lanes, T + 1, nq]` positions, the start included. After the end of an episode they stay as they are.
       returns: `[lanes]` true returns.
+      lengths: `[lanes]` steps of the episodes, at most T.
     """
 
     qpos: np.ndarray
     returns: np.ndarray
+    lengths: np.ndarray
 
 
-def positions(state: State) -> jax.Array:
-    """`[nq]` positions of the bodies."""
-    return cast(Physics, state.pipeline_state).qpos
+def check_drawable(task: str, env: Task) -> None:
+    """Refuses a task whose episodes cannot be drawn.
+
+    Raises:
+      InputError: if the task has no MuJoCo model, or its states do not hold the positions of the model.
+    """
+    if env.model is None:
+        raise InputError(
+            f"{task} has no MuJoCo model to draw: give the environment an attribute `model` (a mujoco.MjModel) and a "
+            "function `qpos(state)` that returns the positions of the model"
+        )
+    positions = jax.eval_shape(lambda key: env.qpos(env.reset(key)), jax.random.PRNGKey(0))
+    if getattr(positions, "shape", None) != (env.model.nq,):
+        raise InputError(
+            f"the states of {task} do not hold the {env.model.nq} positions of its model: give the environment a "
+            "function `qpos(state)` that returns them"
+        )
 
 
 def play(policies: Policies, lanes: Sequence[int] | None = None) -> Episodes:
-    """An episode of each sampled policy.
+    """An episode of each sampled policy, up to the time limit or to the end that the task makes.
 
     Args:
       lanes: which policies; all of them if None.
+
+    Raises:
+      InputError: if episodes of the task cannot be drawn.
     """
+    check_drawable(policies.task, policies.env)
     env, algorithm = policies.env, policies.algorithm
     lanes = range(len(policies.seeds)) if lanes is None else lanes
 
@@ -45,17 +67,19 @@ def play(policies: Policies, lanes: Sequence[int] | None = None) -> Episodes:
         reset_key, key = jax.random.split(key)
         start = env.reset(reset_key)
 
-        def step(state, key):
+        def step(carry, key):
+            state, qpos, alive = carry
             action = algorithm.act(policy, state.obs[None], key)[0]
-            after = env.step(state, action)  # which clips the action
-            return after, (positions(after), after.reward, after.done)
+            after = env.step(state, jnp.clip(action, -env.action_limit, env.action_limit))
+            qpos = jnp.where(alive > 0, env.qpos(after), qpos)
+            return (after, qpos, alive * (1.0 - after.done)), (qpos, after.reward * alive, alive)
 
-        _, (qpos, reward, done) = jax.lax.scan(step, start, jax.random.split(key, env.episode_length))
-        alive = jax.numpy.cumsum(done) - done == 0
-        # After its end the episode stands still.
-        qpos = qpos[jax.numpy.minimum(jax.numpy.arange(len(qpos)), alive.sum() - 1)]
-        return jax.numpy.concatenate([positions(start)[None], qpos]), (reward * alive).sum()
+        first = env.qpos(start)
+        _, (qpos, reward, alive) = jax.lax.scan(
+            step, (start, first, jnp.ones(())), jax.random.split(key, env.episode_length)
+        )
+        return jnp.concatenate([jnp.asarray(first)[None], qpos]), jnp.where(alive > 0, reward, 0.0).sum(), alive.sum()
 
     states = jax.tree.map(jax.numpy.asarray, take_lanes(policies.state, np.array(lanes)))
-    qpos, returns = episode(states, lane_keys(EVALUATE, [policies.seeds[lane] for lane in lanes]))
-    return Episodes(np.asarray(qpos), np.asarray(returns))
+    qpos, returns, lengths = episode(states, lane_keys(EVALUATE, [policies.seeds[lane] for lane in lanes]))
+    return Episodes(np.asarray(qpos), np.asarray(returns), np.asarray(lengths).astype(int))

@@ -5,13 +5,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import itertools
+import math
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -19,13 +21,17 @@ import numpy as np
 from eairl_jax import Demonstrations, HParams, InputError, demonstrations, envs, evaluate, horizon, random_policy
 from eairl_jax.config import Config, choose
 from eairl_jax.discriminator_data import check_segments
-from eairl_jax.envs.mjx_task import MjxTask
+from eairl_jax.environment import check_env
+from eairl_jax.envs.mjx_task import Task
+from eairl_jax.envs.names import file_name
+from eairl_jax.experiments.display.console import say
 from eairl_jax.experiments.options import Bench, Imitate, Sweep, Transfer
 from eairl_jax.experiments.settings import (
     GROUPS,
     TRIALS,
     Recipe,
     choose_setting,
+    has_recipe,
     parse_overrides,
     recipe,
     refuse_unread,
@@ -34,6 +40,9 @@ from eairl_jax.methods import METHODS, STATE_ONLY_ADVICE, method_names, needs_ex
 
 SCORE_EPISODES = 500
 RANDOM_SEED = 20_000
+UNMEASURED = math.nan
+DEMOS = Path("demos")
+"""Where `eairl demos` writes, and where demonstrations of a task are sought that come with no package."""
 
 # A method that is trained for longer, on larger batches or by another optimiser is still the paper's method.
 BUDGET = frozenset({"iterations", "snapshot_every", "num_envs", "rollout_length", "optimizer"})
@@ -46,16 +55,19 @@ class Reference(NamedTuple):
     """The two true returns that a score is normalised by.
 
     Attributes:
-      expert: mean return of the demonstrator.
-      random: mean return of uniformly random actions.
+      expert: mean return of the demonstrator; None if it is unknown.
+      random: mean return of uniformly random actions; `UNMEASURED` until `measured` has played them.
     """
 
-    expert: float
+    expert: float | None
     random: float
 
-    def normalized(self, returns):
-        """Returns, a number or an array, on a scale from 0 for random actions to 1 for the expert."""
-        return (returns - self.random) / (self.expert - self.random)
+    def normalized(self, returns) -> Any:
+        """Returns, a number or an array, on a scale from 0 for random actions to 1 for the expert.
+
+        None if the expert's return is unknown.
+        """
+        return None if self.expert is None else (returns - self.random) / (self.expert - self.random)
 
 
 @dataclass(frozen=True)
@@ -69,7 +81,7 @@ class Source:
     """
 
     task: str
-    env: MjxTask
+    env: Task
     demos: Demonstrations
     demos_path: Path
     reference: Reference
@@ -88,7 +100,7 @@ class Target:
     """
 
     task: str
-    env: MjxTask
+    env: Task
     recipe: Recipe
     reference: Reference
     variant: str = ""
@@ -122,6 +134,9 @@ class Target:
         """The target with changes of its recipe's configuration."""
         config = dataclasses.replace(self.recipe.config, **changes)
         return dataclasses.replace(self, recipe=dataclasses.replace(self.recipe, config=config))
+
+
+Place = TypeVar("Place", Source, Target)
 
 
 @dataclass(frozen=True)
@@ -279,13 +294,13 @@ class Experiment:
         if self.use:
             return transfer_folder_name(self.source.task, self.use.target.task, self.name, str(self.use.rule))
         if self.points:
-            return f"sweep-{self.source.task}-{self.name}-{'-'.join(self.points[0])}"
-        return f"imitate-{self.source.task}-{self.name}"
+            return f"sweep-{file_name(self.source.task)}-{self.name}-{'-'.join(self.points[0])}"
+        return f"imitate-{file_name(self.source.task)}-{self.name}"
 
 
 def transfer_folder_name(source: str, target: str, name: str, rule: str) -> str:
     """The name of a transfer's folder, from what a `Result` holds."""
-    return f"transfer-{source}-to-{target}-{name}-{rule}"
+    return f"transfer-{file_name(source)}-to-{file_name(target)}-{name}-{rule}"
 
 
 def imitations(options: Imitate | Bench, purpose: str = "imitate") -> list[Experiment]:
@@ -307,18 +322,24 @@ def transfers(options: Transfer) -> list[Experiment]:
       InputError: for anything that could not be trained, or tasks of different sizes.
     """
     refuse_other_sizes(options.source, options.target)
-    target, back_home = target_of(options), make_target(options.source, _retrain_settings(options))
-    experiments = []
+    target = target_of(options)
+    back_home = make_target(options.source, _retrain_settings(options), has_expert=False)
+    uses = []
     for learning in _learnings(options.source, options, "reward"):
         if not learning.has_reward and set(options.rule) != {"policy"}:
             raise InputError(
                 f"{learning.name} learns no reward to transfer: choose one of {', '.join(METHODS)}, or --rule policy"
             )
         for text in options.rule:
-            rule = Rule.parse(text, learning.recipe, back_home.recipe)
-            use = Use(target.with_horizon(learning.config), back_home.with_horizon(learning.config), rule)
-            experiments.append(dataclasses.replace(learning, use=use))
-    return experiments
+            uses.append((learning, Rule.parse(text, learning.recipe, back_home.recipe)))
+    target = measured(target)
+    return [
+        dataclasses.replace(
+            learning,
+            use=Use(target.with_horizon(learning.config), back_home.with_horizon(learning.config), rule),
+        )
+        for learning, rule in uses
+    ]
 
 
 def sweeps(options: Sweep) -> Experiment:
@@ -395,7 +416,8 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
     refuse_unread([each.config for each in recipes], overrides)
     for each in recipes:
         check_demonstrations(source, each.config)
-    is_changed = bool(set(overrides) - BUDGET)
+    is_changed, source = bool(set(overrides) - BUDGET), measured(source)
+    explain_defaults(task)
     experiments = [Experiment(source, each, seeds, "tuned" if tuned else "", is_changed) for each in recipes]
     return list({experiment.name: experiment for experiment in experiments}.values())
 
@@ -435,22 +457,42 @@ def _seeds(options: Imitate | Transfer | Bench) -> range:
 
 
 @functools.cache
-def make_env(task: str, **settings) -> MjxTask:
+def make_env(task: str, **settings) -> Task:
     """The environment of a task.
 
     Raises:
-      InputError: for an unknown task, or one that cannot be made.
+      InputError: for an unknown task, or one that cannot be made, or an environment that does not fit.
     """
     try:
-        return envs.make(task, **settings)
+        env = envs.make(task, **settings)
+    except envs.UnfitEnvironment as e:
+        check_env(e.env)  # says which call makes it fit, if there is one
+        raise InputError(str(e)) from None
     except envs.TaskError as e:
         raise InputError(str(e)) from None
+    check_env(env)
+    return env
 
 
-def _source(task: str, env: MjxTask, path: Path | None) -> Source:
-    path = path or shipped_demonstrations(task)
+@functools.cache
+def say_once(text: str) -> None:
+    """A remark that is printed once a process."""
+    say(text)
+
+
+def explain_defaults(task: str) -> None:
+    """Says of a task without a recipe that it is trained with defaults."""
+    if not has_recipe(task):
+        say_once(
+            f"{task} has no recipe: it is trained with defaults for its episode length (`eairl settings '{task}'` "
+            "shows them, --set changes them)"
+        )
+
+
+def _source(task: str, env: Task, path: Path | None) -> Source:
+    path = path or default_demonstrations(task)
     demos = demonstrations.load(path, task, env.observation_size, env.action_size)
-    return Source(task, env, demos, path, _reference(task, env, path, demos))
+    return Source(task, env, demos, path, _reference(task, path, demos))
 
 
 def target_of(options: Transfer) -> Target:
@@ -466,17 +508,23 @@ def _retrain_settings(options: Transfer) -> tuple[str, ...]:
     return (f"optimizer={options.optimizer}", *options.retrain_set)
 
 
-def make_target(task: str, assignments: tuple[str, ...] = (), restarts: int | None = None) -> Target:
-    """A task with its recipe for retraining. Reference returns are those of the shipped demonstrations.
+def make_target(
+    task: str, assignments: tuple[str, ...] = (), restarts: int | None = None, has_expert: bool = True
+) -> Target:
+    """A task with its recipe for retraining; its reference is not `measured` yet.
+
+    The expert's return is that of the demonstrations that come with the package, or of those in `DEMOS`. Without any
+    the expert is unknown.
 
     Args:
       assignments: a user's `name=value` for the recipe.
       restarts: a user's number of restarts.
+      has_expert: whether the demonstrations of an expert are sought.
 
     Raises:
       InputError: for a setting that retraining does not have.
     """
-    env, path = make_env(task), shipped_demonstrations(task)
+    env = make_env(task)
     overrides = parse_overrides(assignments)
     training = recipe(task, env, "retrain", overrides | ({} if restarts is None else {"restarts": restarts}))
     refuse_unread([training.config], overrides, reinforcement=True)
@@ -485,12 +533,16 @@ def make_target(task: str, assignments: tuple[str, ...] = (), restarts: int | No
             "--retrain-set actions: the reward fixes this setting; choose it while the reward is learned, with "
             "--set actions=..."
         )
-    demos = demonstrations.load(path, task)
-    return Target(task, env, training, _reference(task, env, path, demos), demos=demos)
+    explain_defaults(task)
+    path = find_demonstrations(task) if has_expert else None
+    if path is None:
+        return Target(task, env, training, Reference(None, UNMEASURED))
+    demos = demonstrations.load(path, task, env.observation_size, env.action_size)
+    return Target(task, env, training, _reference(task, path, demos), demos=demos)
 
 
 def restored_target(settings: dict, path: Path) -> Target:
-    """The target of a finished transfer.
+    """The target of a finished transfer; its reference is not `measured` yet.
 
     Args:
       settings: those in the folder of the transfer.
@@ -524,36 +576,93 @@ def shipped_demonstrations(task: str) -> Path:
     Raises:
       InputError: if there are none.
     """
-    path = Path(str(files("eairl_jax.experiments") / "data" / f"{task}.npz"))
+    path = Path(str(files("eairl_jax.experiments") / "data" / f"{file_name(task)}.npz"))
     if not path.exists():
         raise InputError(
-            f"no demonstrations of {task} come with the package: make some with `eairl expert {task}` and "
-            f"`eairl demos {task}`, then give them with --demos or, for a target task, put them at {path}"
+            f"no demonstrations of {task} come with the package: make some with `eairl expert '{task}'` and "
+            f"`eairl demos '{task}'`, or give some with --demos"
         )
     return path
 
 
-def _reference(task: str, env: MjxTask, path: Path, demos: Demonstrations) -> Reference:
-    """Expert's and random actions' returns: from the provenance if it has them, else from the episodes."""
+def find_demonstrations(task: str) -> Path | None:
+    """The demonstrations of a task that come with the package, or those that `eairl demos` wrote here, if any."""
+    with contextlib.suppress(InputError):
+        return shipped_demonstrations(task)
+    path = DEMOS / f"{file_name(task)}.npz"
+    if not path.is_file():
+        return None
+    say_once(f"demonstrations of {task}: {path}")
+    return path
+
+
+def default_demonstrations(task: str) -> Path:
+    """What `find_demonstrations` finds.
+
+    Raises:
+      InputError: if there are none.
+    """
+    return find_demonstrations(task) or shipped_demonstrations(task)
+
+
+def _reference(task: str, path: Path, demos: Demonstrations) -> Reference:
+    """Expert's and random actions' returns: from the provenance if it has them.
+
+    Else the expert's is that of the episodes, if they have rewards, and that of random actions is to be `measured`.
+    """
     provenance = demonstrations.provenance(path) if path.with_suffix(".json").exists() else {}
     if provenance and provenance.get("task") != task:
         raise InputError(
             f"{path.with_suffix('.json')} describes {provenance.get('task')!r}, not {task!r}: give demonstrations "
             f"of {task!r}"
         )
-    expert = provenance.get("expert_return", _mean_return(path, demos))
-    random = provenance["random_return"] if "random_return" in provenance else random_return(env)
-    return Reference(expert, random)
-
-
-def _mean_return(path: Path, demos: Demonstrations) -> float:
     returns = demonstrations.returns(demos)
-    if returns is None:
-        raise InputError(f"{path} holds no rewards, and no expert_return stands in the JSON beside it")
-    return float(returns.mean())
+    expert = None if returns is None else float(returns.mean())
+    if "expert_return" in provenance:
+        expert = _score(path, provenance, "expert_return")
+    random = _score(path, provenance, "random_return") if "random_return" in provenance else UNMEASURED
+    return _told_apart(task, Reference(expert, random))
 
 
-def random_return(env: MjxTask) -> float:
-    """Mean true return of uniformly random actions over 500 episodes."""
-    run = jax.jit(lambda key: evaluate(key, env, random_policy(env), SCORE_EPISODES, env.episode_length)[0])
+def _score(path: Path, provenance: dict, name: str) -> float:
+    """A return in the JSON beside demonstrations."""
+    value = provenance[name]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(
+            f"{path.with_suffix('.json')}: {name} is {value!r}, expected a finite number: correct the line, or remove "
+            "it, and the return is measured"
+        )
+    return float(value)
+
+
+def _told_apart(task: str, reference: Reference) -> Reference:
+    """The reference; `InputError` if its two returns are equal, so that nothing lies between them."""
+    if reference.expert is not None and math.isclose(reference.expert, reference.random, rel_tol=1e-9):
+        raise InputError(
+            f"the expert of {task} and random actions both have the return {reference.expert:g}, so no score can be "
+            "normalised by them: give demonstrations of a better expert, or correct the JSON beside them"
+        )
+    return reference
+
+
+def measured(place: Place) -> Place:
+    """The source or target with the return of random actions, played where no file says what it is.
+
+    Raises:
+      InputError: if the expert's return is the same.
+    """
+    if not math.isnan(place.reference.random):
+        return place
+    reference = _told_apart(place.task, place.reference._replace(random=random_return(place.env)))
+    return dataclasses.replace(place, reference=reference)
+
+
+def random_return(env: Task) -> float:
+    """Mean true return of uniformly random actions over 500 episodes; played once a process."""
+    return _random_return(env, SCORE_EPISODES)
+
+
+@functools.cache
+def _random_return(env: Task, episodes: int) -> float:
+    run = jax.jit(lambda key: evaluate(key, env, random_policy(env), episodes, env.episode_length)[0])
     return float(run(jax.random.PRNGKey(RANDOM_SEED)).mean())

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from eairl_jax import Algorithm, Checkpoints, Config, HParams, InputError, Lanes, make_rl
-from eairl_jax.envs.mjx_task import MjxTask
+from eairl_jax.envs.mjx_task import Task
 from eairl_jax.experiments.pipeline.experiment import make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import best_restarts, last_tenth, make_algorithm
@@ -32,7 +32,7 @@ class Policies:
     """
 
     task: str
-    env: MjxTask
+    env: Task
     algorithm: Algorithm
     state: PyTree
     seeds: list[int]

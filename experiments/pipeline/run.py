@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from eairl_jax import InputError, LearnedReward, load_reward, save_reward, storage
+from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.plots import Curve, plot, plot_sweep
 from eairl_jax.experiments.pipeline import stages
 from eairl_jax.experiments.pipeline.experiment import Experiment, Reference, Target, Use
@@ -34,7 +35,7 @@ class Result:
       rule: from which iteration the reward is taken; None for an imitation.
       seeds: numbers of the seeds.
       returns: mean true return of each seed's policy.
-      expert, random: see `Reference`; of the target, if there is one.
+      expert, random: see `Reference`; of the target, if there is one. `expert` is None if it is unknown.
       env_steps: environment steps of each policy that was scored.
       compile_seconds, run_seconds: of learning and retraining together.
       peak_memory_gb: of the process that finished the run.
@@ -66,7 +67,7 @@ class Result:
     rule: str | None = None
     seeds: list[int]
     returns: list[float]
-    expert: float
+    expert: float | None
     random: float
     env_steps: int
     compile_seconds: float
@@ -106,13 +107,13 @@ class Result:
         return float(np.std(self.returns))
 
     @property
-    def normalized(self) -> float:
-        """The mean return, 0 for random actions and 1 for the expert."""
+    def normalized(self) -> Any:
+        """The mean return, 0 for random actions and 1 for the expert; None if the expert's return is unknown."""
         return self.reference.normalized(self.mean)
 
     @property
-    def scores(self) -> np.ndarray:
-        """Each seed's normalised return `[seeds]`."""
+    def scores(self) -> Any:
+        """Each seed's normalised return `[seeds]`; None if the expert's return is unknown."""
         return self.reference.normalized(np.array(self.returns))
 
     @property
@@ -123,6 +124,7 @@ class Result:
     def to_json(self) -> dict[str, Any]:
         """The content of `summary.json`: all fields that are set, and mean, std and normalised score."""
         content = {name: value for name, value in dataclasses.asdict(self).items() if value not in (None, [])}
+        content |= {"expert": self.expert}
         return content | {"mean": self.mean, "std": self.std, "normalized": self.normalized}
 
     @classmethod
@@ -220,7 +222,7 @@ def learning_folder(experiment: Experiment, out: Path) -> RunFolder:
 
 def learning_path(out: Path, task: str, learning_name: str, settings: dict) -> Path:
     """The path of `learning_folder`, from what a `Result` holds."""
-    return out / f"learn-{task}-{learning_name}-{settings_digest(settings)}"
+    return out / f"learn-{file_name(task)}-{learning_name}-{settings_digest(settings)}"
 
 
 def _learn_once(experiment: Experiment, learning: RunFolder) -> list[float]:
@@ -246,7 +248,7 @@ def reuse(saved_reward: Path, reward: LearnedReward, target: Target, out: Path, 
     seeds = reward.description["seeds"]
     # The content of the reward, not its place: another reward in the same place is another run.
     settings = target.settings() | {"reward": storage.fingerprint(reward.params), "seeds": seeds}
-    folder = RunFolder(out / f"reuse-{saved_reward.resolve().parent.name}-in-{target.task}", settings)
+    folder = RunFolder(out / f"reuse-{saved_reward.resolve().parent.name}-in-{file_name(target.task)}", settings)
     content = folder.summary()
     if content is not None:
         return Result.from_json(content, f"{folder.path}/summary.json")
@@ -336,7 +338,8 @@ def imitation_curves(folder: RunFolder, experiment: Experiment) -> list[Curve]:
     def curve(panel: str, label: str, name: str, level: tuple[str, float] | None = None) -> Curve:
         return Curve(panel, label, folder.curve(name, len(experiment.seeds)), steps, level)
 
-    true = curve("true return", "", "true_return", ("expert", experiment.source.reference.expert))
+    expert = experiment.source.reference.expert
+    true = curve("true return", "", "true_return", None if expert is None else ("expert", expert))
     if not experiment.has_reward:
         return [true, curve("log-likelihood", "of the expert's actions", "log_prob_expert")]
     return [

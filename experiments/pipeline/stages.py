@@ -34,7 +34,8 @@ from eairl_jax import (
     save_reward,
 )
 from eairl_jax.agent import clip_actions
-from eairl_jax.envs.mjx_task import MjxTask
+from eairl_jax.envs.mjx_task import Task
+from eairl_jax.envs.names import file_name
 from eairl_jax.evaluation import reward_per_step
 from eairl_jax.experiments.pipeline.experiment import RANDOM_SEED, Experiment, Rule, Target, Use, snapshot_iterations
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, settings_digest
@@ -69,7 +70,7 @@ RANDOM, EXPERT, BEST_PLAN = "random actions", "expert", "best plan"
 """Behaviours that policies are compared with."""
 
 
-def make_algorithm(env: MjxTask, config: Config) -> Algorithm:
+def make_algorithm(env: Task, config: Config) -> Algorithm:
     """The algorithm that `config.method` names.
 
     Raises:
@@ -495,7 +496,7 @@ def expert_steps(training: Training) -> dict[str, np.ndarray]:
 
 
 @functools.cache
-def random_steps(env: MjxTask, episodes: int) -> dict[str, np.ndarray]:
+def random_steps(env: Task, episodes: int) -> dict[str, np.ndarray]:
     """Episodes of uniformly random actions, `[E, T, ...]`; played once a process."""
     play = jax.jit(lambda key: evaluate(key, env, random_policy(env), episodes, env.episode_length)[1])
     return jax.tree.map(np.asarray, play(lane_keys(JUDGE, [RANDOM_SEED])[0]))
@@ -546,7 +547,7 @@ def ceiling(target: Target, seeds: Sequence[int], out: Path) -> list[float]:
     """True return of each seed's policy trained on the true reward under the same budget; trained once in `out`."""
     target = target.with_config(horizon="default")
     settings = target.settings() | {"seeds": list(seeds), "reward": "true"}
-    folder = RunFolder(out / f"ceiling-{target.task}-{settings_digest(settings)}", settings)
+    folder = RunFolder(out / f"ceiling-{file_name(target.task)}-{settings_digest(settings)}", settings)
     summary = folder.summary()
     if summary is None:
         returns = score(folder, f"ceiling: true reward in {target.task}", target, None, seeds).returns

@@ -13,7 +13,7 @@ import numpy as np
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from eairl_jax import Algorithm, Checkpoints, Lanes, evaluate
-from eairl_jax.envs.mjx_task import MjxTask
+from eairl_jax.envs.mjx_task import Task
 from eairl_jax.experiments.display.console import console, say
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.settings import Recipe
@@ -181,7 +181,7 @@ def _refuse_nan(metrics: dict[str, np.ndarray], done: int, labels: list[Lane], k
 
 
 def final_returns(
-    env: MjxTask,
+    env: Task,
     algorithm: Algorithm,
     state: PyTree,
     seeds: Sequence[float],
