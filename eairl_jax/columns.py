@@ -17,6 +17,7 @@ from eairl_jax.demonstrations import BLOCK, load
 from eairl_jax.episodes import (
     AT_A_JUMP,
     AT_THE_LIMIT,
+    ENDS,
     NAMES,
     UNFINISHED,
     Episode,
@@ -43,7 +44,6 @@ BOUNDARIES = ("lengths", "episode_starts")
 OURS = {"task", "obs", "next_obs", "terminated"}
 # The columns of an `Episode`.
 STEPWISE = ("obs", "action", "next_obs", "reward")
-ENDS = ("terminated", "truncated", "done")
 Columns = Mapping[str, Any]
 
 
@@ -148,8 +148,8 @@ def flat(source: str, columns: Columns, time_limit: int | None) -> Iterator[Epis
             raise InputError(f"{source}: {name} has {length} rows, and obs {steps}: expected one row for each step")
     for span in spans(source, columns, steps, time_limit) if steps else ():
         found = {name: cut(columns[name], span.start, span.stop) for name in STEPWISE if name in columns}
-        if episode := completed(found, span.end):
-            yield episode._replace(remarks=episode.remarks + span.remarks)
+        episode = completed(found, span.end)
+        yield episode._replace(remarks=episode.remarks + span.remarks)
 
 
 def spans(source: str, columns: Columns, steps: int, time_limit: int | None) -> list[Span]:
@@ -279,5 +279,6 @@ def stacked(source: str, columns: Columns) -> Iterator[Episode]:
         if "next_obs" not in found and columns["obs"].shape[1] > steps:
             obs = columns["obs"][number][: steps + 1]
             yield Episode(obs, found.get("action"), None, found.get("reward"), end, remarks)
-        elif episode := completed(found, end):
+        else:
+            episode = completed(found, end)
             yield episode._replace(remarks=episode.remarks + remarks)

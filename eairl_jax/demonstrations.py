@@ -69,8 +69,8 @@ def load(
 ) -> Demonstrations:
     """Reads demonstrations that `save` wrote, and checks that an algorithm can learn from them.
 
-    Files of earlier versions are read too: `obs [E, T, obs]` and so on, E episodes of one length T. `read` reads the
-    files of other libraries.
+    Files of earlier versions are read too: `obs [E, T, obs]` and so on, E episodes of one length T.
+    `eairl_jax.demonstration_files.read` reads the files of other libraries.
 
     Args:
       task: the expected task, if not None.
@@ -87,7 +87,7 @@ def load(
         expected = ", ".join(Demonstrations._fields)
         raise InputError(
             f"{path} lacks {', '.join(missing)}: expected the arrays {expected}, of which action and reward may be "
-            "absent; eairl_jax.demonstrations.read reads files of other libraries"
+            "absent; eairl_jax.demonstration_files.read reads files of other libraries"
         )
     demonstrated = str(arrays["task"]) if "task" in arrays else None
     if task is not None and demonstrated is not None and demonstrated != task:

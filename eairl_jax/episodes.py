@@ -29,15 +29,19 @@ NAMES = {
     "truncated": ("truncated", "timeouts", "truncations"),
     "done": ("done", "dones", "terminal"),
 }
+KNOWN_NAMES = {alias for aliases in NAMES.values() for alias in aliases}
+ENDS = ("terminated", "truncated", "done")
 # How an episode ended. "unknown": it is over, but its library does not say whether a time limit ended it.
 TERMINATED, TRUNCATED, UNKNOWN = "terminated", "truncated", "unknown"
 
-LAST_STEP_LEFT_OUT = "whose last step was left out: the next observation of that step is unknown"
-LAST_OBS_REPEATED = "whose last observation stands for the next observation, which is unknown: the task had ended"
-AT_A_JUMP = "that end where next_obs is not the obs of the next row: the data have no column of time limits"
-AT_THE_LIMIT = "that were cut after the time limit: the data do not say where a time limit ended them"
-TOO_LONG = "longer than the time limit: the steps until the limit were read"
-UNFINISHED = "without a word on the end, which counts as cut off by a time limit"
+# What a reader changed or assumed, each a phrase that follows "1 episode" or "N episodes".
+LAST_STEP_LEFT_OUT = "lost the last step, since its next observation is unknown"
+ONE_STEP = "had a single step without a next observation, and could not be used"
+LAST_OBS_REPEATED = "got the last observation as the next one too, since the task ended there and next_obs is unknown"
+AT_A_JUMP = "ended where next_obs is not the obs of the next row, since the data have no column of time limits"
+AT_THE_LIMIT = "ended after the time limit of the task, since the data have no column of time limits"
+TOO_LONG = "lasted longer than the time limit, and lost the steps after it"
+UNFINISHED = "stopped without a flag, which is read as a time limit"
 
 
 class Episode(NamedTuple):
@@ -49,7 +53,7 @@ class Episode(NamedTuple):
       next_obs: like `obs`, `[T, obs]`; None if `obs` has T + 1 rows.
       reward: `[T]`, or None.
       end: "terminated", "truncated" or "unknown".
-      remarks: what the reader had to change or assume, phrases that follow "N episodes".
+      remarks: what the reader had to change or assume, phrases that follow "1 episode".
     """
 
     obs: Any
@@ -228,15 +232,15 @@ def as_episode(item: Any, where: str = "the episode") -> Episode:
     get = item.__getitem__ if isinstance(item, Mapping) else lambda name: getattr(item, name)
     columns, _ = named(where, {name: get(name) for name in {*names} & KNOWN_NAMES})
     if "obs" not in columns:
-        raise InputError(f"{where} has {listed(names)}: expected {' or '.join(NAMES['obs'])}")
+        found = f"a dictionary of {listed(names)}" if isinstance(item, Mapping) else f"a {type(item).__name__}"
+        raise InputError(
+            f"{where} is {found}: expected a dictionary or an object with {' or '.join(NAMES['obs'])}, and optionally "
+            "action, reward and terminated"
+        )
     infos = get("infos") if "infos" in names else None
     flags = {name: last_flag(where, name, columns.pop(name)) for name in ENDS if columns.get(name) is not None}
     fields = {name: columns.get(name) for name in ("obs", "action", "next_obs", "reward")}
     return Episode(**fields, end=end_of(flags, last_info(infos)), remarks=() if flags else (UNFINISHED,))
-
-
-ENDS = ("terminated", "truncated", "done")
-KNOWN_NAMES = {alias for aliases in NAMES.values() for alias in aliases}
 
 
 def named(where: str, columns: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -255,21 +259,20 @@ def named(where: str, columns: Mapping[str, Any]) -> tuple[dict[str, Any], tuple
     return fields, tuple(sorted(str(name) for name in columns if name not in KNOWN_NAMES))
 
 
-def completed(columns: Mapping[str, Any], end: str) -> Episode | None:
+def completed(columns: Mapping[str, Any], end: str) -> Episode:
     """An episode of rows `[T, ...]`. Without next_obs its last step has no successor.
 
-    Then the last step is left out, and None is returned if no step remains. If the task ended the episode, its last
-    step is kept: no method reads the value of its next observation, and the last observation stands for it.
+    Then the last step is left out. If the task ended the episode, its last step is kept, and the last observation
+    stands for the next one: the value of what follows an end is 0 in any case. An episode of which no step remains has
+    the remark `ONE_STEP`.
     """
     obs, action, reward = columns["obs"], columns.get("action"), columns.get("reward")
     if "next_obs" in columns:
         return Episode(obs, action, columns["next_obs"], reward, end)
     if end == TERMINATED:
         return Episode(_with_last_row_twice(obs), action, None, reward, end, (LAST_OBS_REPEATED,))
-    if rows(obs) < 2:
-        return None
     action, reward = (None if x is None else x[:-1] for x in (action, reward))
-    return Episode(obs, action, None, reward, end, (LAST_STEP_LEFT_OUT,))
+    return Episode(obs, action, None, reward, end, (LAST_STEP_LEFT_OUT if rows(obs) > 1 else ONE_STEP,))
 
 
 def rows(x: Any) -> int:
@@ -437,6 +440,9 @@ class _Gathering:
         self.outside, self.largest = 0, 0.0
 
     def add(self, episode: Episode) -> None:
+        if ONE_STEP in episode.remarks:
+            self.remarks[ONE_STEP] += 1
+            return
         where = f"{self.origin.name}, episode {len(self.lengths)}"
         columns = _columns(where, episode, self.options.obs_key)
         steps, limit = len(columns["obs"]), self.options.time_limit
@@ -471,7 +477,8 @@ class _Gathering:
 
     def read(self) -> Read:
         if not self.lengths:
-            raise InputError(f"{self.origin.name} holds no episodes: give at least one episode")
+            left_out = f" ({self.remarks[ONE_STEP]} {ONE_STEP})" if self.remarks else ""
+            raise InputError(f"{self.origin.name} holds no episodes{left_out}: give at least one episode")
         lengths = np.asarray(self.lengths, np.int32)
         ends, assumed = _resolved(self.ends, lengths, self.options.time_limit)
         terminated = np.zeros(lengths.sum(), np.float32)

@@ -9,8 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from eairl_jax.columns import ENDS, STEPWISE, expected
-from eairl_jax.episodes import UNFINISHED, Episode, Options, Origin, Read, end_of, gather, last_flag, listed, named
+from eairl_jax.columns import STEPWISE, expected
+from eairl_jax.episodes import (
+    ENDS,
+    UNFINISHED,
+    Episode,
+    Options,
+    Origin,
+    Read,
+    end_of,
+    gather,
+    last_flag,
+    listed,
+    named,
+)
 from eairl_jax.errors import InputError
 from eairl_jax.extras import required
 

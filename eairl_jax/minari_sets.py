@@ -71,7 +71,7 @@ def read(name: str, options: Options) -> Read:
             "again, or write it with Minari 0.5"
         )
     minari = required("minari", "minari")
-    required({"hdf5": "h5py"}.get(metadata["data_format"], "pyarrow"), "minari")
+    _require_storage(metadata["data_format"])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         dataset = minari.MinariDataset(folder)
@@ -84,6 +84,14 @@ def read(name: str, options: Options) -> Read:
     bounds = (space.low, space.high) if is_bounded else (None, None)
     origin = Origin(f"{PREFIX}{name}", "minari", int(metadata.get("total_steps", 0)) or None, *bounds)
     return gather(_episodes(dataset, len(space.shape)), origin, options)
+
+
+def _require_storage(data_format: str) -> None:
+    """Raises `InputError` unless the library that stores this form is installed."""
+    if data_format == "hdf5":
+        required("h5py", "minari")
+    else:
+        required("pyarrow", "hf")
 
 
 def _episodes(dataset: Any, action_axes: int) -> Iterator[Episode]:
@@ -139,7 +147,7 @@ def write(
     folder, dataset_id = free_folder(name)
     _refuse_unfit(name, demos, data_format)
     minari = required("minari", "minari")
-    required({"hdf5": "h5py"}.get(data_format, "pyarrow"), "minari")
+    _require_storage(data_format)
     storage = required("minari.dataset.minari_storage", "minari").MinariStorage
     spaces = required("gymnasium", "minari").spaces
     limit = action_limit if action_limit is not None and np.abs(demos.action).max() <= action_limit else np.inf

@@ -85,7 +85,8 @@ def convert(options: Collect, command_line: str) -> None:
     demonstrations.save(path, demos, provenance)
     appended = "" if path == Path(destination) else f" The suffix .npz was appended to {destination}."
     _say(f"Written to {path}, with {demonstrations.provenance_path(path).name} beside it.{appended}")
-    _say(f"`eairl imitate {task} --demos {path}` learns from them.")
+    method = "" if read.facts.has_actions else "--method gaifo "
+    _say(f"`eairl imitate {task} {method}--demos {path}` learns from them.")
 
 
 def _say(text: str) -> None:

@@ -65,8 +65,8 @@ def test_without_next_obs_the_last_step_has_no_successor(
         return
     demos, facts = read(path)
     same(demos, expected(kept))
-    assert sum(facts.remarks.values()) == len(kept)
-    assert "whose last" in " ".join(facts.lines())
+    assert sum(facts.remarks.values()) == len(episodes)
+    assert "the last" in " ".join(facts.lines())
 
 
 def test_without_time_limits_an_episode_ends_at_a_jump(tmp_path, make_episodes, expected, flat_columns, same):
@@ -76,8 +76,8 @@ def test_without_time_limits_an_episode_ends_at_a_jump(tmp_path, make_episodes, 
     demos, facts = read(write_npz(tmp_path / "x", columns))
     same(demos, expected(episodes))
     lines = " ".join(facts.lines())
-    assert "1 episode that end where next_obs is not the obs of the next row" in lines
-    assert "1 episode without a word on the end" in lines
+    assert "1 episode ended where next_obs is not the obs of the next row" in lines
+    assert "1 episode stopped without a flag" in lines
 
 
 def test_without_time_limits_and_next_obs_a_given_limit_cuts(tmp_path, make_episodes, flat_columns):
@@ -87,7 +87,7 @@ def test_without_time_limits_and_next_obs_a_given_limit_cuts(tmp_path, make_epis
     demos, facts = read(path, time_limit=4)
     assert demos.lengths.tolist() == [3, 3, 3]  # four steps without the last; three that the task ended; three
     assert facts.terminated == 2
-    assert "1 episode that were cut after the time limit" in " ".join(facts.lines())
+    assert "1 episode ended after the time limit" in " ".join(facts.lines())
     assert read(path).demos.lengths.tolist() == [7, 3]
 
 
@@ -124,7 +124,7 @@ def test_boundaries_may_stand_in_a_column(tmp_path, make_episodes, flat_columns,
 def test_boundaries_without_flags_are_said(tmp_path, make_episodes, flat_columns):
     columns = flat_columns(make_episodes([3, 4]))
     columns = {n: x for n, x in columns.items() if n not in ("terminals", "timeouts")} | {"lengths": np.array([3, 4])}
-    assert "2 episodes without a word on the end" in " ".join(read(write_npz(tmp_path / "x", columns)).facts.lines())
+    assert "2 episodes stopped without a flag" in " ".join(read(write_npz(tmp_path / "x", columns)).facts.lines())
 
 
 def test_dones_alone_leave_the_end_unexplained(tmp_path, make_episodes, flat_columns):
@@ -170,7 +170,7 @@ def test_stacked_arrays_without_next_obs_lose_their_last_step(tmp_path, make_epi
     columns["obs"] = columns["obs"][:, :-1]
     demos, facts = read(write_npz(tmp_path / "x", columns))
     assert demos.lengths.tolist() == [3, 3]
-    assert "2 episodes whose last step was left out" in " ".join(facts.lines())
+    assert "2 episodes lost the last step" in " ".join(facts.lines())
 
 
 # Files of this library -----------------------------------------------------------------------------------------------

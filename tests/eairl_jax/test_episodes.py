@@ -93,7 +93,7 @@ def test_what_is_assumed_of_an_unexplained_end_is_said(make_episodes, lengths, l
         ({"done": True, "truncated": True}, 0, ""),
         ({"done": True, "truncated": False}, 1, ""),
         ({"done": False}, 0, ""),
-        ({}, 0, "1 episode without a word on the end"),
+        ({}, 0, "1 episode stopped without a flag"),
     ],
 )
 def test_flags_are_read_together(make_episodes, flags, terminated, words):
@@ -204,7 +204,7 @@ def change(**fields):
 
 BAD = {
     "no episodes": (lambda episodes: [], "holds no episodes"),
-    "no observations": (change(obs=None), r"episode 1 has action, reward, terminated: expected obs or observations"),
+    "no observations": (change(obs=None), "episode 1 is a dictionary of action, reward, terminated: expected"),
     "NaN": (change(obs=np.full((5, 3), np.nan)), "obs is NaN or infinite at episode 1, step 0"),
     "too large": (change(action=np.full((4, 2), 1e300)), "action is NaN or infinite at episode 1, step 0"),
     "other size": (change(obs=np.zeros((5, 2))), "episode 1: obs has size 2, and 3 in the episodes before"),
@@ -231,6 +231,11 @@ BAD = {
 def test_bad_episodes_are_refused(make_episodes, changed, message):
     with pytest.raises(InputError, match=message):
         from_episodes(changed(make_episodes([3, 4])))
+
+
+def test_a_tuple_is_no_episode(make_episodes):
+    with pytest.raises(InputError, match="episode 0 is a tuple: expected a dictionary or an object with obs"):
+        from_episodes([tuple(episode.values()) for episode in make_episodes([3])])
 
 
 def test_every_fact_is_a_sentence(make_episodes):

@@ -224,9 +224,17 @@ def test_an_unknown_form_is_refused(make_episodes, expected):
         minari_sets.write("ours/set-v0", expected(make_episodes([3, 4])), task="toy", data_format="csv")
 
 
-@pytest.mark.parametrize("module", ["minari", "h5py"])
-def test_a_missing_library_names_the_extra(make_episodes, monkeypatch, module):
-    create(make_episodes([3, 4]))
+@pytest.mark.parametrize(
+    ("module", "form", "extra"), [("minari", "hdf5", "minari"), ("h5py", "hdf5", "minari"), ("pyarrow", "arrow", "hf")]
+)
+def test_a_missing_library_names_the_extra(make_episodes, expected, monkeypatch, module, form, extra):
+    demos = expected(make_episodes([3, 4]))
+    if form in FORMS:
+        minari_sets.write("ours/set-v0", demos, task="toy", data_format=form)
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(InputError, match=rf'{module} is missing .* pip install "eairl-jax\[minari\]"'):
-        read("minari:other/set-v0")
+    message = rf'{module} is missing .* pip install "eairl-jax\[{extra}\]"'
+    with pytest.raises(InputError, match=message):
+        minari_sets.write("ours/set-v1", demos, task="toy", data_format=form)
+    if form in FORMS:
+        with pytest.raises(InputError, match=message):
+            read("minari:ours/set-v0")

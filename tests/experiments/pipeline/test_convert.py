@@ -75,7 +75,7 @@ def test_episodes_are_cut_at_the_time_limit_of_the_task(flat_file, here, run, ca
     assert not whole.all()
     assert run("demos", "pendulum", "--from", "long.npz") == 0
     said = capsys.readouterr().out
-    assert "1 episode longer than the time limit: the steps until the limit were read." in said
+    assert "1 episode lasted longer than the time limit, and lost the steps after it." in said
     assert demonstrations.load("demos/pendulum.npz").lengths.tolist() == [200]
 
 
@@ -95,6 +95,7 @@ def test_observations_alone_become_demonstrations_without_scores(flat_file, here
     said = capsys.readouterr().out
     assert "There are no rewards." in said
     assert "There are no actions." in said
+    assert "eairl imitate pendulum --method gaifo --demos demos/pendulum.npz" in said
     demos = demonstrations.load("demos/pendulum.npz", "pendulum", 3, 1)
     assert demos.action is None
     assert demos.reward is None
