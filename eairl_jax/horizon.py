@@ -240,15 +240,18 @@ def extended(steps: dict[str, jax.Array], config: Config) -> dict[str, jax.Array
     return steps | changed
 
 
-def check_demonstrations(demos: Demonstrations, config: Config, where: str) -> None:
-    """Checks that demonstrations fit the horizon and the time limit.
+def check_demonstrations(env: Env, demos: Demonstrations, config: Config, where: str) -> None:
+    """Checks that demonstrations fit the task, the horizon and the time limit.
+
+    In a task that never ends an episode, demonstrations may stop before the time limit: their steps count alike.
 
     Args:
       config: has a time limit and a horizon (`resolved`).
       where: what to call the demonstrations in an error message.
 
     Raises:
-      InputError: if an episode is longer than the time limit, or if episodes end early and the horizon is "fixed".
+      InputError: if an episode is longer than the time limit, if episodes end early and the horizon is "fixed", or if
+        they end in a task that never ends an episode.
     """
     lengths, limit = demos.lengths, config.episode_length
     if lengths.max() > limit:
@@ -256,6 +259,13 @@ def check_demonstrations(demos: Demonstrations, config: Config, where: str) -> N
             f"{where} holds an episode of {lengths.max()} steps, and the time limit is {limit} steps: give the time "
             "limit of the demonstrated task, or other demonstrations"
         )
+    if not can_end(env):
+        if demos.terminated.any():
+            raise InputError(
+                f"{where}: the task ended {int(demos.terminated.sum())} of {len(lengths)} episodes, but this task never "
+                "ends an episode: give demonstrations of the same task, or mark the ends as a time limit"
+            )
+        return
     if config.horizon == "fixed" and ends_early(demos, limit):
         raise InputError(
             f"{where}: {early_ends(demos, limit)}, but horizon fixed needs whole episodes of {limit} steps: {ADVICE}"

@@ -441,7 +441,7 @@ def check_demonstrations(source: Source, config: Config) -> None:
     config = config if is_cloning else with_method_defaults(config)
     default = "variable" if is_cloning else horizon.of_learned_reward(source.env)
     resolved = horizon.resolved(source.env, config, default)
-    horizon.check_demonstrations(source.demos, resolved, where)
+    horizon.check_demonstrations(source.env, source.demos, resolved, where)
     if source.demos.action is None and needs_expert_actions(config):
         raise InputError(f"{where} holds no actions, which {config.method} needs: {STATE_ONLY_ADVICE}")
     if not is_cloning:

@@ -109,18 +109,24 @@ def test_judged_episodes_are_seen_as_in_learning():
         ("absorbing", episodes(7, 4), r"an episode of 7 steps, and the time limit is 6 steps"),
     ],
 )
-def test_demonstrations_that_contradict_the_horizon_are_refused(kind, demos, message):
+def test_demonstrations_that_contradict_the_horizon_are_refused(toy, kind, demos, message):
     with pytest.raises(InputError, match=message):
-        horizon.check_demonstrations(demos, config(kind), "here")
+        horizon.check_demonstrations(toy(ends_at=3), demos, config(kind), "here")
 
 
-def test_demonstrations_that_fit_are_not():
+def test_where_no_episode_ends_a_demonstration_may_stop_but_not_end(toy):
+    horizon.check_demonstrations(toy(), episodes(6, 4, terminated=False), config("fixed"), "here")
+    with pytest.raises(InputError, match="the task ended 2 of 2 episodes, but this task never ends an episode"):
+        horizon.check_demonstrations(toy(), episodes(6, 4), config("fixed"), "here")
+
+
+def test_demonstrations_that_fit_are_not_refused(toy):
     for kind, demos in (
         ("fixed", episodes(6, 6, terminated=False)),
         ("absorbing", episodes(1, 6)),
         ("variable", episodes(3)),
     ):
-        horizon.check_demonstrations(demos, config(kind), "here")
+        horizon.check_demonstrations(toy(ends_at=3), demos, config(kind), "here")
 
 
 def test_the_time_limit_is_the_tasks_own_or_is_asked_for(toy):
