@@ -262,8 +262,8 @@ def check_demonstrations(env: Env, demos: Demonstrations, config: Config, where:
     if not can_end(env):
         if demos.terminated.any():
             raise InputError(
-                f"{where}: the task ended {int(demos.terminated.sum())} of {len(lengths)} episodes, but this task never "
-                "ends an episode: give demonstrations of the same task, or mark the ends as a time limit"
+                f"{where}: the task ended {int(demos.terminated.sum())} of {len(lengths)} episodes, but this task "
+                "never ends an episode: give demonstrations of the same task, or mark the ends as a time limit"
             )
         return
     if config.horizon == "fixed" and ends_early(demos, limit):
