@@ -261,7 +261,7 @@ def _load_file(path: Path) -> ModuleType:
         )
     # Under a name of its own, which classes of the file need; a file is run again when it has changed.
     digest = hashlib.sha256(str(full).encode() + full.read_bytes()).hexdigest()[:12]
-    name = f"eairl_jax_task_{digest}"
+    name = f"{foreign.LOADED}{digest}"
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, full)

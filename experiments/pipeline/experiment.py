@@ -10,6 +10,7 @@ import dataclasses
 import functools
 import itertools
 import math
+import shlex
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -434,8 +435,8 @@ def explain_defaults(task: str) -> None:
     """Says of a task without a recipe that it is trained with defaults."""
     if not has_recipe(task):
         say_once(
-            f"{task} has no recipe: it is trained with defaults for its episode length (`eairl settings '{task}'` "
-            "shows them, --set changes them)"
+            f"{task} has no recipe: it is trained with defaults for its episode length "
+            f"(`eairl settings {shlex.quote(task)}` shows them, --set changes them)"
         )
 
 
@@ -451,6 +452,7 @@ def target_of(options: Transfer) -> Target:
     Raises:
       InputError: for a setting that retraining does not have.
     """
+    explain_defaults(options.target)
     return make_target(options.target, _retrain_settings(options), options.restarts)
 
 
@@ -483,7 +485,6 @@ def make_target(
             "--retrain-set actions: the reward fixes this setting; choose it while the reward is learned, with "
             "--set actions=..."
         )
-    explain_defaults(task)
     path = find_demonstrations(task) if has_expert else None
     if path is None:
         return Target(task, env, training, Reference(None, UNMEASURED))
@@ -529,8 +530,8 @@ def shipped_demonstrations(task: str) -> Path:
     path = Path(str(files("eairl_jax.experiments") / "data" / f"{file_name(task)}.npz"))
     if not path.exists():
         raise InputError(
-            f"no demonstrations of {task} come with the package: make some with `eairl expert '{task}'` and "
-            f"`eairl demos '{task}'`, or give some with --demos"
+            f"no demonstrations of {task} come with the package: make some with `eairl expert {shlex.quote(task)}` and "
+            f"`eairl demos {shlex.quote(task)}`, or give some with --demos"
         )
     return path
 
