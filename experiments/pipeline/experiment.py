@@ -41,6 +41,7 @@ from eairl_jax.methods import METHODS, method_names, with_method_defaults
 SCORE_EPISODES = 500
 RANDOM_SEED = 20_000
 UNMEASURED = math.nan
+LARGEST_RETURN = 1e30  # no task pays more; JSON may hold numbers that no float holds
 DEMOS = Path("demos")
 """Where `eairl demos` writes, and where demonstrations of a task are sought that come with no package."""
 
@@ -393,7 +394,7 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
     refuse_unread([each.config for each in recipes], overrides)
     for each in recipes:
         if each.config.method in METHODS:
-            check_segments(with_method_defaults(each.config), source.demos.reward.shape[1])
+            check_segments(with_method_defaults(each.config), source.demos.obs.shape[1])
     is_changed, source = bool(set(overrides) - BUDGET), measured(source)
     explain_defaults(task)
     experiments = [Experiment(source, each, seeds, "tuned" if tuned else "", is_changed) for each in recipes]
@@ -577,9 +578,9 @@ def _reference(task: str, path: Path, demos: Demonstrations) -> Reference:
 def _score(path: Path, provenance: dict, name: str) -> float:
     """A return in the JSON beside demonstrations."""
     value = provenance[name]
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < LARGEST_RETURN:
         raise InputError(
-            f"{path.with_suffix('.json')}: {name} is {value!r}, expected a finite number: correct the line, or remove "
+            f"{path.with_suffix('.json')}: {name} is {value!r}, expected a number: correct the line, or remove "
             "it, and the return is measured"
         )
     return float(value)
