@@ -98,6 +98,7 @@ def make_env(start=1.0): return Point(Start(start).x)
 def other(**settings): return Point(settings["start"])
 def fails(): return 1 / 0
 def wrong(): return 3
+def leaves(): raise SystemExit
 def needy(start): return Point(start)
 constant = 3
 """
@@ -154,6 +155,7 @@ REFUSED = {
     "my_tasks.py:make_env?episode_length=0": "episode_length is 0",
     "my_tasks.py:make_env?obs=state": "obs=state chooses from observations that are dictionaries",
     "broken.py:make_env": r"broken.py cannot be loaded: ZeroDivisionError at .*broken.py:2",
+    "my_tasks.py:leaves": "my_tasks.py:leaves cannot be made: SystemExit at",
     "syntax.py:make_env": r"syntax.py cannot be loaded: SyntaxError",
     "brax.nothing:make_env": "no module brax.nothing is installed",
     "json:dumps": "json:dumps cannot be made: TypeError",
@@ -168,7 +170,7 @@ def test_a_task_that_cannot_be_made_is_one_clear_message(name, hint, tasks_file)
         envs.make(name)
 
 
-@given(st.text(max_size=20).filter(lambda text: ":" not in text))
+@given(st.text(max_size=20).filter(lambda text: ":" not in text) | st.text(alphabet="zq:.?=&/\\ 1\0é", max_size=20))
 def test_any_text_is_a_task_or_a_clear_error(text):
     with contextlib.suppress(envs.TaskError):
         assert envs.make(text).observation_size > 0

@@ -154,7 +154,6 @@ def test_the_environment_of_the_page_is_short(tmp_path):
     assert len((tmp_path / "my_tasks.py").read_text().splitlines()) <= 45
 
 
-@pytest.mark.slow
 def test_a_users_environment_goes_through_all_commands(tmp_path, monkeypatch, capsys, run, tiny, rl_settings):
     monkeypatch.chdir(tmp_path)
     make_env.cache_clear()
