@@ -24,7 +24,8 @@ def learned(tiny):
         config = tiny(reward_form=form, action_part=part, hidden=(6, 5))
         params = [discriminator.init(jax.random.PRNGKey(i), 4, 2, with_method_defaults(config)) for i in range(2)]
         stats = [ObsStats(jnp.full(4, 3.0 * i), jnp.full(4, 4.0), jnp.zeros(())) for i in range(2)]
-        rows = map(RewardParams, params, stats)
+        rewards = [{name: each[name] for name in ("g", "k") if name in each} for each in params]
+        rows = map(RewardParams, rewards, stats)
         return LearnedReward(dict(DESCRIPTION), config, jax.tree.map(lambda *x: np.stack(x), *rows))
 
     return make
