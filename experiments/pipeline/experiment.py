@@ -27,6 +27,7 @@ from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.console import say
 from eairl_jax.experiments.options import Bench, Imitate, Sweep, Transfer
+from eairl_jax.experiments.pipeline import records
 from eairl_jax.experiments.settings import (
     GROUPS,
     TRIALS,
@@ -573,10 +574,12 @@ def restored_target(settings: dict, path: Path) -> Target:
     """
     if "retrain_config" not in settings:
         raise InputError(f"{path} is no transfer: give a folder that `eairl transfer` made (transfer-...)")
-    target = make_target(settings["target"])
-    config, hparams = Config.from_json(settings["retrain_config"]), HParams(**settings["retrain_hparams"])
-    training = {name: settings[name] for name in RETRAINING if name in settings}
-    restored = Recipe(config, hparams, settings["retrain_snapshot_every"], **training)
+    names = ["target", "retrain_config", "retrain_hparams", "retrain_snapshot_every"]
+    task, config, hparams, every = records.needed(settings, names, path)
+    target = make_target(task)
+    config = Config.from_json(config, path / "config.json")
+    hparams = HParams.from_json(hparams, path / "config.json")
+    restored = Recipe(config, hparams, every, **{name: settings[name] for name in RETRAINING if name in settings})
     return dataclasses.replace(target, recipe=restored)
 
 
@@ -630,12 +633,10 @@ def _reference(task: str, path: Path, demos: Demonstrations) -> Reference:
 
     Else the expert's is that of the episodes, if they have rewards, and that of random actions is to be `measured`.
     """
-    provenance = demonstrations.provenance(path) if path.with_suffix(".json").exists() else {}
+    place = demonstrations.provenance_path(path)
+    provenance = demonstrations.provenance(path) if place.exists() else {}
     if provenance and provenance.get("task") != task:
-        raise InputError(
-            f"{path.with_suffix('.json')} describes {provenance.get('task')!r}, not {task!r}: give demonstrations "
-            f"of {task!r}"
-        )
+        raise InputError(f"{place} describes {provenance.get('task')!r}, not {task!r}: give demonstrations of {task!r}")
     returns = demonstrations.returns(demos)
     expert = None if returns is None else float(returns.mean())
     if "expert_return" in provenance:
@@ -649,8 +650,8 @@ def _score(path: Path, provenance: dict, name: str) -> float:
     value = provenance[name]
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < LARGEST_RETURN:
         raise InputError(
-            f"{path.with_suffix('.json')}: {name} is {value!r}, expected a number: correct the line, or remove "
-            "it, and the return is measured"
+            f"{demonstrations.provenance_path(path)}: {name} is {value!r}, expected a number: correct the "
+            "line, or remove it, and the return is measured"
         )
     return float(value)
 
