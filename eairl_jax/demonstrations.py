@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from eairl_jax import storage
+from eairl_jax import schema, storage
 from eairl_jax.errors import InputError
 from eairl_jax.types import Demonstrations, Env
 
@@ -18,6 +18,12 @@ NEEDED = ("obs", "next_obs", "terminated")
 FAR_ACTION, FAR_OBS = 20.0, 50.0
 """Actions of this root mean square, as a multiple of their bound, and observations this many standard deviations of the
 whole state space away, have other units than the task."""
+_number = schema.number(-1e30, 1e30)
+PROVENANCE = schema.record(
+    {"task": schema.text},
+    {"expert_return": _number, "random_return": _number, "returns": schema.list_of(_number)},
+)
+"""What the JSON beside demonstrations must look like."""
 BLOCK = 1024
 """Rows that are compared at a time."""
 ABSURD_ACTION = 1e4
@@ -33,14 +39,19 @@ def save(path: Path | str, demos: Demonstrations, provenance: dict) -> Path:
 
     Returns:
       The path of the `.npz`.
+
+    Raises:
+      InputError: if `load` would refuse the demonstrations, or if the provenance is no JSON object with a task.
     """
     path = npz_path(path)
+    provenance = storage.as_json(provenance, PROVENANCE, "the provenance")
+    demos = checked(demos, "the demonstrations")
     path.parent.mkdir(parents=True, exist_ok=True)
     arrays = {name: np.asarray(x, np.float32) for name, x in demos._asdict().items() if x is not None}
     arrays["lengths"] = np.asarray(demos.lengths, np.int32)
-    named = {"task": np.asarray(provenance["task"]), "format": np.asarray(FORMAT)}
-    storage.write_arrays(path, arrays | named)
-    storage.write_json(provenance_path(path), provenance)
+    arrays |= {"task": np.asarray(provenance["task"]), "format": np.asarray(FORMAT)}
+    storage.write_arrays(path, arrays | {storage.CHECKSUM: np.asarray(storage.checksum(arrays))})
+    storage.write_json(provenance_path(path), provenance | {storage.CHECKSUM: storage.checksum({}, provenance)})
     return path
 
 
@@ -61,7 +72,9 @@ def provenance(path: Path | str) -> dict:
     Raises:
       InputError: if the file does not exist or is not a JSON object.
     """
-    return storage.read_json(provenance_path(path))
+    content = storage.read_json(provenance_path(path), PROVENANCE, "correct the line, or remove it")
+    storage.refuse_changed(provenance_path(path), content.pop(storage.CHECKSUM, None), storage.checksum({}, content))
+    return content
 
 
 def load(
@@ -82,6 +95,7 @@ def load(
         or if `checked` finds a fault.
     """
     arrays = storage.read_arrays(Path(path))
+    found, expected = arrays.pop(storage.CHECKSUM, None), storage.checksum(arrays)
     missing = [name for name in NEEDED if name not in arrays]
     if missing:
         expected = ", ".join(Demonstrations._fields)
@@ -89,7 +103,7 @@ def load(
             f"{path} lacks {', '.join(missing)}: expected the arrays {expected}, of which action and reward may be "
             "absent; eairl_jax.demonstration_files.read reads files of other libraries"
         )
-    demonstrated = str(arrays["task"]) if "task" in arrays else None
+    demonstrated = _text(path, arrays["task"]) if "task" in arrays else None
     if task is not None and demonstrated is not None and demonstrated != task:
         raise InputError(f"{path} demonstrates {demonstrated!r}, not {task!r}: use demonstrations of {task!r}")
     if arrays["obs"].ndim == 3 and "lengths" not in arrays:
@@ -100,7 +114,20 @@ def load(
             "lengths [episodes], the steps of each episode"
         )
     demos = Demonstrations(*(arrays.get(name) for name in Demonstrations._fields))
-    return checked(demos, str(path), obs_size, action_size)
+    demos = checked(demos, str(path), obs_size, action_size)
+    storage.refuse_changed(path, found, expected)
+    return demos
+
+
+def _text(path: Path | str, x: np.ndarray) -> str:
+    """The name of the task, an array `[]` of text."""
+    try:
+        name = str(x) if x.shape == () and x.dtype.kind == "U" else ""
+    except (ValueError, SystemError):  # numbers that are no characters
+        name = ""
+    if not name.isprintable() or not name:
+        raise InputError(f"{path}: task has type {x.dtype} and shape {x.shape}, expected a name: write the file again")
+    return name
 
 
 def _flattened(path: Path | str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

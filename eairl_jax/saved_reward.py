@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import json
 from pathlib import Path
 from typing import Any
 
@@ -128,13 +127,11 @@ def save_reward(directory: Path | str, reward: LearnedReward) -> None:
     directory = Path(directory)
     content = {"kind": KIND} | reward.description | {"config": dataclasses.asdict(reward.config)}
     arrays = storage.named_leaves(reward.params)
-    try:  # as the file will be read
-        description, config = _checked_description(json.loads(json.dumps(content)), "the description")
-        _checked_params(arrays, description, config, "params")
-    except TypeError as e:
-        raise InputError(f"the description cannot be written as JSON ({e}): give texts and numbers of Python") from None
+    content = storage.as_json(content, schema.table_of(schema.anything), "the description")
+    _checked_params(arrays, *_checked_description(content, "the description"), "params")
     directory.mkdir(parents=True, exist_ok=True)
     storage.write_arrays(directory / "reward.npz", arrays)
+    content[storage.CHECKSUM] = storage.checksum(arrays, content)
     storage.write_json(directory / "reward.json", content)
 
 
@@ -154,9 +151,11 @@ def load_reward(directory: Path | str, obs_size: int | None = None, action_size:
     if not (directory / "reward.json").exists():
         raise InputError(f"{directory} holds no reward.json: use the reward/ folder of a finished run")
     content = storage.read_json(directory / "reward.json", advice=AGAIN)
+    found = content.pop(storage.CHECKSUM, None)
     description, config = _checked_description(content, directory / "reward.json")
     arrays = storage.read_arrays(directory / "reward.npz")
     params = _checked_params(arrays, description, config, directory / "reward.npz")
+    storage.refuse_changed(directory, found, storage.checksum(arrays, content))
     reward = LearnedReward(description, config, params)
     sizes = description["obs_size"], description["action_size"]
     expected = sizes[0] if obs_size is None else obs_size, sizes[1] if action_size is None else action_size

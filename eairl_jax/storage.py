@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -35,6 +35,33 @@ def fingerprint(tree: PyTree) -> str:
 def digest(named: Iterable[tuple[str, np.ndarray]]) -> str:
     """Twelve hexadecimal digits of SHA-256 over the names, shapes and values of arrays."""
     return hashlib.sha256(b"".join(f"{name}{x.shape}".encode() + x.tobytes() for name, x in named)).hexdigest()[:12]
+
+
+CHECKSUM = "checksum"
+"""The member of a file that says what the rest of the file was when it was written."""
+
+
+def checksum(arrays: Mapping[str, np.ndarray], content: Any = None) -> str:
+    """Sixteen hexadecimal digits of SHA-256 over arrays and a JSON value, without those named `CHECKSUM`."""
+    total = hashlib.sha256()
+    for name in sorted(set(arrays) - {CHECKSUM}):
+        x = arrays[name]
+        total.update(f"{name} {x.dtype.str} {x.shape}".encode())
+        if x.size:
+            total.update(np.ascontiguousarray(x).reshape(-1).view(np.uint8).data)
+    if isinstance(content, dict):
+        content = {name: value for name, value in content.items() if name != CHECKSUM}
+    total.update(json.dumps(content, sort_keys=True).encode())
+    return total.hexdigest()[:16]
+
+
+def refuse_changed(where: Path | str, found: Any, expected: str) -> None:
+    """Raises `InputError` if a file has a checksum that differs from `expected`; files of other versions have none."""
+    if found is not None and str(found) != expected:
+        raise InputError(
+            f"{where} is not as it was written (its {CHECKSUM} differs): copy it again; if you have changed it on "
+            f"purpose, remove its {CHECKSUM}"
+        )
 
 
 def write_json(path: Path, content: dict) -> None:
@@ -81,6 +108,19 @@ def check(content: Any, expected: Schema, where: Path | str, advice: str = REWRI
         if isinstance(e.found, schema.Absent):
             raise InputError(f"{where} lacks {e.place}: {advice}") from None
         raise InputError(f"{where}: {e}: {advice}") from None
+
+
+def as_json(content: Any, expected: Schema, what: str) -> dict:
+    """What a reader of the file will find, before it is written.
+
+    Raises:
+      InputError: if it cannot be written as JSON, or if it is not as expected.
+    """
+    try:
+        text = json.dumps(content, allow_nan=False)
+    except (TypeError, ValueError, RecursionError) as e:
+        raise InputError(f"{what} cannot be written as JSON ({e}): give texts and finite numbers of Python") from None
+    return check(json.loads(text), expected, what, "give what is expected")
 
 
 def write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:

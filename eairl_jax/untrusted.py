@@ -32,6 +32,8 @@ MAX_RATIO = 3
 SMALL = 32 * 2**20
 """Arrays of so few bytes may be any number of times as large as their file."""
 MAX_HEADER = 10_000
+LONGEST = 300
+"""Characters of a message."""
 END_RECORD = b"PK\x05\x06"
 
 NPY = re.compile(
@@ -41,7 +43,11 @@ NPY = re.compile(
 
 
 class Damaged(Exception):
-    """What is wrong with the content of a file."""
+    """What is wrong with the content of a file, on one line: the libraries' own messages may quote a whole file."""
+
+    def __init__(self, problem: str):
+        start = "".join(character if character.isprintable() else "?" for character in problem[:LONGEST])
+        super().__init__(start + ("..." if len(problem) > LONGEST else ""))
 
 
 # Files ---------------------------------------------------------------------------------------------------------------
@@ -60,10 +66,11 @@ def regular_file(path: Path, largest: int) -> Iterator[IO[bytes]]:
         raise InputError(f"{path} does not exist: check the path") from None
     except (OSError, ValueError) as e:
         raise InputError(f"{path} cannot be read ({getattr(e, 'strerror', None) or e}): check the path") from None
+    status = os.fstat(descriptor)
+    if not stat.S_ISREG(status.st_mode):
+        os.close(descriptor)
+        raise InputError(f"{path} is no regular file: expected a file, not a folder, pipe or device")
     with open(descriptor, "rb") as file:
-        status = os.fstat(descriptor)
-        if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"{path} is no regular file: expected a file, not a folder, pipe or device")
         if status.st_size > largest:
             raise InputError(
                 f"{path} has {status.st_size / 2**20:.0f} MiB: expected at most {largest / 2**20:.0f} MiB; give a "
@@ -85,7 +92,7 @@ def parsed(content: bytes) -> Any:
     if values > MAX_JSON_VALUES:
         raise Damaged(f"it holds about {values} values: expected at most {MAX_JSON_VALUES}")
     try:
-        value = json.loads(content.decode("utf-8-sig"), object_pairs_hook=_unique, parse_constant=_no_constant)
+        value = json.loads(content.decode("utf-8-sig"), object_pairs_hook=_unique)
     except RecursionError:
         raise Damaged("it is nested too deeply") from None
     except ValueError as e:  # also of numbers with thousands of digits
@@ -100,10 +107,6 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         names = [name for name, _ in pairs]
         raise Damaged(f"it holds {next(name for name in names if names.count(name) > 1)!r:.80} twice")
     return result
-
-
-def _no_constant(name: str) -> Any:
-    raise Damaged(f"it holds {name}: expected finite numbers")
 
 
 def _check_values(value: Any) -> None:
@@ -123,7 +126,7 @@ def _check_values(value: Any) -> None:
                 raise Damaged(f"{_name(place)}: expected text of whole Unicode characters")
         elif isinstance(value, int) and abs(value) > schema.LARGEST_WHOLE:
             raise Damaged(f"{_name(place)} is {schema.shown(value)}: expected at most 64 bits")
-        elif isinstance(value, float) and abs(value) > 1e308:
+        elif isinstance(value, float) and not abs(value) <= 1e308:
             raise Damaged(f"{_name(place)} is {value}: expected a finite number")
 
 
@@ -195,7 +198,9 @@ def _check_end(file: IO[bytes], size: int) -> None:
     file.seek(0)
     at = tail.rfind(END_RECORD)
     if at < 0 or len(tail) < at + 22:
-        raise Damaged("File is not a zip file")
+        file.seek(0)
+        is_array = file.read(6) == b"\x93NUMPY"
+        raise Damaged("it is one array, as of an .npy" if is_array else "it is no archive, or cut short")
     if int.from_bytes(tail[at + 10 : at + 12], "little") > MAX_MEMBERS:
         raise Damaged(f"it lists more than {MAX_MEMBERS} members")
     if int.from_bytes(tail[at + 12 : at + 16], "little") > 200 * MAX_MEMBERS:

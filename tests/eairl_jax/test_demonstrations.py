@@ -30,7 +30,7 @@ def test_a_round_trip_keeps_every_array_as_float32_and_the_provenance(path, good
     equal_trees(loaded, good)
     assert {x.dtype for x in loaded[:-1]} == {np.dtype(np.float32)}
     assert demonstrations.provenance(path) == {"task": "toy", "return": -3.5}
-    assert json.loads(path.with_suffix(".json").read_text()) == {"task": "toy", "return": -3.5}
+    assert json.loads(path.with_suffix(".json").read_text()).items() > {"task": "toy", "return": -3.5}.items()
 
 
 def ragged(seed=0, lengths=(3, 1, 5), obs=4, action=2, terminated=True):
