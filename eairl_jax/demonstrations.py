@@ -51,7 +51,7 @@ def save(path: Path | str, demos: Demonstrations, provenance: dict) -> Path:
     arrays["lengths"] = np.asarray(demos.lengths, np.int32)
     arrays |= {"task": np.asarray(provenance["task"]), "format": np.asarray(FORMAT)}
     storage.write_arrays(path, arrays | {storage.CHECKSUM: np.asarray(storage.checksum(arrays))})
-    storage.write_json(provenance_path(path), provenance | {storage.CHECKSUM: storage.checksum({}, provenance)})
+    storage.write_json(provenance_path(path), storage.sealed(provenance))
     return path
 
 
@@ -73,8 +73,7 @@ def provenance(path: Path | str) -> dict:
       InputError: if the file does not exist or is not a JSON object.
     """
     content = storage.read_json(provenance_path(path), PROVENANCE, "correct the line, or remove it")
-    storage.refuse_changed(provenance_path(path), content.pop(storage.CHECKSUM, None), storage.checksum({}, content))
-    return content
+    return storage.unsealed(content, provenance_path(path))
 
 
 def load(
@@ -147,12 +146,43 @@ def from_steps(steps: Mapping[str, Any]) -> Demonstrations:
     Args:
       steps: `obs`, `next_obs`, `terminated` and, if known, `action`, `reward` and `valid`. Without `valid` the steps
         count up to the first one that is terminated.
+
+    Raises:
+      InputError: if an array is missing, holds no numbers or has other episodes and steps than the others; if `valid`
+        has a gap.
     """
-    arrays = {name: np.asarray(x) for name, x in steps.items()}
+    arrays = _stacked(steps)
     ended = np.cumsum(arrays["terminated"] > 0, axis=1) - (arrays["terminated"] > 0) > 0
     valid = arrays["valid"] > 0 if "valid" in arrays else ~ended
+    if (np.diff(valid.astype(np.int8), axis=1) > 0).any():
+        raise InputError("valid has a gap: expected 1 for the first steps of each episode, and 0 for all after them")
     fields = {name: arrays[name][valid] if name in arrays else None for name in Demonstrations._fields[:-1]}
     return Demonstrations(**fields, lengths=valid.sum(axis=1).astype(np.int32))
+
+
+def _stacked(steps: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """The arrays `[E, T, ...]` of episodes as NumPy arrays; `InputError` if they are none."""
+    if not isinstance(steps, Mapping):
+        raise InputError(f"steps are {schema.shown(steps)}: expected a dict of arrays, as `evaluate` returns")
+    missing = [name for name in NEEDED if name not in steps]
+    if missing:
+        raise InputError(f"steps lack {', '.join(missing)}: expected {', '.join(NEEDED)}, as `evaluate` returns them")
+    known = [name for name in (*Demonstrations._fields[:-1], "valid") if steps.get(name) is not None]
+    try:
+        arrays = {name: np.asarray(steps[name]) for name in known}
+    except ValueError as e:
+        raise InputError(
+            f"one of {', '.join(known)} is no array ({e}): pad the episodes, and say so in valid"
+        ) from None
+    leading = arrays["obs"].shape[:2]
+    for name, x in arrays.items():
+        axes = 3 if name in ("obs", "action", "next_obs") else 2
+        if x.dtype.kind not in "biuf" or x.ndim != axes or x.shape[:2] != leading:
+            raise InputError(
+                f"{name} has shape {x.shape} and dtype {x.dtype}: expected numbers [episodes, steps"
+                f"{', size' if axes == 3 else ''}] as obs, which has shape {arrays['obs'].shape}"
+            )
+    return arrays
 
 
 def to_steps(demos: Demonstrations, length: int) -> dict[str, np.ndarray]:
@@ -199,15 +229,14 @@ def checked(
         of more than one step; if `terminated` is not 0 or 1, or is 1 before the last step of an episode; if `next_obs`
         is not the observation after `obs`.
     """
-    lengths = _checked_lengths(demos, where)
-    steps, rank = int(lengths.sum()), np.ndim(demos.obs)
-    if rank != 2 or (demos.action is not None and np.ndim(demos.action) != 2):
+    if np.ndim(demos.obs) != 2 or (demos.action is not None and np.ndim(demos.action) != 2):
         shapes = np.shape(demos.obs), None if demos.action is None else np.shape(demos.action)
         raise InputError(
             f"{where}: obs has shape {shapes[0]} and action {shapes[1]}; expected [steps, size] for both. "
             "eairl_jax.demonstrations.from_steps makes demonstrations of episodes [episodes, steps, size]"
         )
-    obs_size = obs_size or demos.obs.shape[1]
+    lengths = _checked_lengths(demos, where)
+    steps, obs_size = int(lengths.sum()), obs_size or demos.obs.shape[1]
     sizes = {"obs": (obs_size,), "next_obs": (obs_size,)}
     if demos.action is not None:
         sizes["action"] = (action_size or demos.action.shape[1],)

@@ -32,9 +32,16 @@ class LearnedReward:
       description: task, sizes, method, reward form, the seed and the iteration of each function, settings.
       config: the static settings of the run.
       params: `irl.RewardParams`, every leaf `[seeds, ...]`.
+
+    Raises:
+      InputError: if an argument has another type. `save_reward` checks what the arguments hold.
     """
 
     def __init__(self, description: dict, config: Config, params: irl.RewardParams):
+        given = (("description", description, dict), ("config", config, Config), ("params", params, irl.RewardParams))
+        for name, value, kind in given:
+            if not isinstance(value, kind):
+                raise InputError(f"{name} is {shown(value)}: expected a {kind.__name__}")
         self.description, self.config, self.params = description, config, params
         self._function = irl.reward_function(config)
 
@@ -131,8 +138,7 @@ def save_reward(directory: Path | str, reward: LearnedReward) -> None:
     _checked_params(arrays, *_checked_description(content, "the description"), "params")
     directory.mkdir(parents=True, exist_ok=True)
     storage.write_arrays(directory / "reward.npz", arrays)
-    content[storage.CHECKSUM] = storage.checksum(arrays, content)
-    storage.write_json(directory / "reward.json", content)
+    storage.write_json(directory / "reward.json", storage.sealed(content, arrays))
 
 
 def load_reward(directory: Path | str, obs_size: int | None = None, action_size: int | None = None) -> LearnedReward:
@@ -151,11 +157,11 @@ def load_reward(directory: Path | str, obs_size: int | None = None, action_size:
     if not (directory / "reward.json").exists():
         raise InputError(f"{directory} holds no reward.json: use the reward/ folder of a finished run")
     content = storage.read_json(directory / "reward.json", advice=AGAIN)
-    found = content.pop(storage.CHECKSUM, None)
-    description, config = _checked_description(content, directory / "reward.json")
+    plain = {name: value for name, value in content.items() if name not in (storage.CHECKSUM, storage.SEALED)}
+    description, config = _checked_description(plain, directory / "reward.json")
     arrays = storage.read_arrays(directory / "reward.npz")
     params = _checked_params(arrays, description, config, directory / "reward.npz")
-    storage.refuse_changed(directory, found, storage.checksum(arrays, content))
+    storage.unsealed(content, directory, arrays)
     reward = LearnedReward(description, config, params)
     sizes = description["obs_size"], description["action_size"]
     expected = sizes[0] if obs_size is None else obs_size, sizes[1] if action_size is None else action_size

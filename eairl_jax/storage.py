@@ -37,8 +37,8 @@ def digest(named: Iterable[tuple[str, np.ndarray]]) -> str:
     return hashlib.sha256(b"".join(f"{name}{x.shape}".encode() + x.tobytes() for name, x in named)).hexdigest()[:12]
 
 
-CHECKSUM = "checksum"
-"""The member of a file that says what the rest of the file was when it was written."""
+CHECKSUM, SEALED = "checksum", "sealed"
+"""The member of a file that says what the rest of the file was when it was written; the first of a JSON that has it."""
 
 
 def checksum(arrays: Mapping[str, np.ndarray], content: Any = None) -> str:
@@ -56,12 +56,38 @@ def checksum(arrays: Mapping[str, np.ndarray], content: Any = None) -> str:
 
 
 def refuse_changed(where: Path | str, found: Any, expected: str) -> None:
-    """Raises `InputError` if a file has a checksum that differs from `expected`; files of other versions have none."""
+    """Raises `InputError` if the checksum of a file differs from `expected`, or is no text.
+
+    Args:
+      found: the checksum in the file; None if its version writes none, or if a user has removed it.
+    """
     if found is not None and str(found) != expected:
         raise InputError(
             f"{where} is not as it was written (its {CHECKSUM} differs): copy it again; if you have changed it on "
-            f"purpose, remove its {CHECKSUM}"
+            f"purpose, remove {CHECKSUM} from it (from a JSON also {SEALED})"
         )
+
+
+def sealed(content: dict, arrays: Mapping[str, np.ndarray] | None = None) -> dict:
+    """The content of a JSON with a first and a last member that say whether it is whole; see `unsealed`."""
+    content = {SEALED: True} | content
+    return content | {CHECKSUM: checksum(arrays or {}, content)}
+
+
+def unsealed(content: dict, where: Path | str, arrays: Mapping[str, np.ndarray] | None = None) -> dict:
+    """The content of a JSON that `sealed` made, without its additions. Earlier versions made none.
+
+    Args:
+      where: what to call the file in an error message.
+      arrays: that stand in another file, and belong to the content.
+
+    Raises:
+      InputError: if the content or the arrays have changed since.
+    """
+    if content.get(SEALED, True) is not True or (SEALED in content) != (CHECKSUM in content):
+        raise InputError(f"{where} has lost a part: copy it again; without {SEALED} and {CHECKSUM} it is not compared")
+    refuse_changed(where, content.get(CHECKSUM), checksum(arrays or {}, content))
+    return {name: value for name, value in content.items() if name not in (SEALED, CHECKSUM)}
 
 
 def write_json(path: Path, content: dict) -> None:

@@ -104,7 +104,7 @@ edits = st.one_of(
     st.just(lambda m, i: [*m[:i], (m[i][0], m[i - 1][1]), *m[i + 1 :]]),
     st.just(lambda m, i: m[::-1]),
     st.just(lambda m, i: []),
-    st.one_of(st.text(max_size=5), st.sampled_from(["lengths", "task.npy", "../x.npy", "a/b/c.npy", ""])).map(
+    st.one_of(st.text(min_size=1, max_size=5), st.sampled_from(["lengths", "task.npy", "../x.npy", "a/b/c.npy"])).map(
         lambda name: lambda m, i: [*m[:i], (name, m[i][1]), *m[i + 1 :]]
     ),
     st.sampled_from(ARRAYS).map(lambda f: lambda m, i: [*m[:i], (m[i][0], npy(f(array(m[i][1])))), *m[i + 1 :]]),
