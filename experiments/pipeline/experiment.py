@@ -39,6 +39,7 @@ from eairl_jax.experiments.settings import (
     refuse_unread,
 )
 from eairl_jax.methods import METHODS, STATE_ONLY_ADVICE, method_names, needs_expert_actions, with_method_defaults
+from eairl_jax.schema import LARGEST_SEED, shown
 
 SCORE_EPISODES = 500
 RANDOM_SEED = 20_000
@@ -465,6 +466,20 @@ def _seeds(options: Imitate | Transfer | Bench) -> range:
     count, first = getattr(options, "seeds", 5), getattr(options, "first_seed", 0)
     if count < 1 or first < 0:
         raise InputError(f"--seeds {count} --first-seed {first}: expected at least 1 seed, and no negative number")
+    return checked_seeds(count, first)
+
+
+def checked_seeds(count: int, first: int = 0) -> range:
+    """The numbers of seeds.
+
+    Raises:
+      InputError: if these are too many, or if one is so large that a smaller seed has the same random numbers.
+    """
+    if not (1 <= count <= records.MOST_SEEDS and 0 <= first <= LARGEST_SEED + 1 - count):
+        raise InputError(
+            f"{shown(count)} seeds from {shown(first)}: expected 1 to {records.MOST_SEEDS} seeds, each from 0 to "
+            f"{LARGEST_SEED}"
+        )
     return range(first, first + count)
 
 
