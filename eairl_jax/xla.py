@@ -18,6 +18,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from eairl_jax.errors import InputError
+
 if TYPE_CHECKING:
     import jax
 
@@ -29,19 +31,26 @@ def configure_jax() -> None:
 
     Lanes (seeds) then run side by side. Call the function before the first JAX computation, and best before the first
     `import jax`. The function never overrides what the user has set: `XLA_FLAGS`, `NPROC`, `JAX_NUM_CPU_DEVICES`,
-    `JAX_COMPILATION_CACHE_DIR`, `JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS` and `TF_CPP_MIN_LOG_LEVEL`.
+    `JAX_COMPILATION_CACHE_DIR`, `JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS` and `TF_CPP_MIN_LOG_LEVEL`. What such a
+    setting costs is said by `costs`.
+
+    Raises:
+      InputError: if `NPROC` or a number of devices is no whole number, or if XLA would wait for itself for ever.
     """
-    user_flags = os.environ.get("XLA_FLAGS", "")
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    user_flags, cores = os.environ.get("XLA_FLAGS", ""), usable_cores()
     devices, threads = cpu_devices(os.environ, cores)
     os.environ["XLA_FLAGS"] = xla_flags(user_flags, version("jaxlib"))
+    for name in ("NPROC", "JAX_NUM_CPU_DEVICES"):
+        if not os.environ.get(name, "unset").strip():
+            del os.environ[name]  # jax cannot read an empty number
     os.environ.setdefault("NPROC", str(threads))
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
     import jax
 
+    cache = compilation_cache(os.environ)
     settings = {
         "jax_num_cpu_devices": None if DEVICE_COUNT_FLAG in flag_names(user_flags) else devices,
-        "jax_compilation_cache_dir": compilation_cache(os.environ),
+        "jax_compilation_cache_dir": cache if can_be_made(cache) else None,
         "jax_persistent_cache_min_compile_time_secs": 0.2,
     }
     for name, value in settings.items():
@@ -81,25 +90,94 @@ def cpu_devices(environ: Mapping[str, str], cores: int) -> tuple[int, int]:
     """`(devices, threads)`: the number of CPU devices, and the size of XLA's thread pool.
 
     The pool is larger than the number of devices, whichever of the two the user has set.
+
+    Raises:
+      InputError: if a number is no whole number, or if the user has set both and the pool is too small.
     """
-    if "NPROC" in environ:
-        threads = int(environ["NPROC"])
-        return int(environ.get("JAX_NUM_CPU_DEVICES", max(1, min(cores, threads - 1)))), threads
-    devices = int(environ.get("JAX_NUM_CPU_DEVICES", cores))
-    return devices, 2 * max(cores, devices) + 2
+    threads = _whole(environ, "NPROC")
+    devices = _flag_devices(environ.get("XLA_FLAGS", "")) or _whole(environ, "JAX_NUM_CPU_DEVICES")
+    if threads is None:
+        devices = devices or cores
+        return devices, 2 * max(cores, devices) + 2
+    if devices is not None and 1 < devices >= threads:
+        raise InputError(
+            f"NPROC={threads} is too small for {devices} devices: XLA's thread pool must be larger than the number of "
+            f"devices, or the devices wait for ever; set NPROC={2 * devices + 2}, or unset it"
+        )
+    return devices or max(1, min(cores, threads - 1)), threads
+
+
+def usable_cores() -> int:
+    """The cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _whole(environ: Mapping[str, str], name: str) -> int | None:
+    """A number of at least 1 in the environment; None if it is unset or empty."""
+    text = environ.get(name, "").strip()
+    if not text:
+        return None
+    if not (text.isascii() and text.isdigit()) or not 1 <= int(text) <= 4096:
+        raise InputError(f"{name}={text!r:.40}: expected a whole number from 1 to 4096, or unset the variable")
+    return int(text)
+
+
+def _flag_devices(flags: str) -> int | None:
+    """The number of devices in a value of `XLA_FLAGS`, if it has one; the last of several counts."""
+    values = [flag.partition("=")[2] for flag in flags.split() if flag.partition("=")[0] == DEVICE_COUNT_FLAG]
+    return _whole({DEVICE_COUNT_FLAG: values[-1]}, DEVICE_COUNT_FLAG) if values else None
+
+
+def costs(environ: Mapping[str, str], cores: int) -> list[str]:
+    """What the user's variables of JAX and XLA cost, one sentence each.
+
+    Args:
+      environ: before `configure_jax` has added to it.
+      cores: the cores that this process may use.
+    """
+    found, flags = [], environ.get("XLA_FLAGS", "")
+    devices, _ = cpu_devices(environ, cores)
+    if devices < cores:
+        name = next((n for n in ("JAX_NUM_CPU_DEVICES", "NPROC") if environ.get(n)), "")
+        name = DEVICE_COUNT_FLAG if _flag_devices(flags) else name
+        found.append(f"{name} leaves {devices} of {cores} cores for seeds that run side by side")
+    ours = {flag.partition("=")[0]: flag for flag in xla_flags("", version("jaxlib")).split()}
+    changed = [flag for flag in flags.split() if ours.get(flag.partition("=")[0], flag) != flag]
+    if changed:
+        found.append(f"XLA_FLAGS has {' '.join(changed)}: runs may be slower than with the setting of eairl_jax")
+    if not can_be_made(compilation_cache(environ)) and not environ.get("JAX_COMPILATION_CACHE_DIR"):
+        found.append(
+            "there is no home directory in which compiled programs can be kept, so every command compiles them anew; "
+            "XDG_CACHE_HOME=DIR names a folder for them"
+        )
+    return found
 
 
 def compilation_cache(environ: Mapping[str, str]) -> str | None:
     """The folder of compiled programs; None, and hence no cache on disk, for a user without a home directory.
 
-    The folder is `eairl_jax` in `XDG_CACHE_HOME`, or in `~/.cache` where that variable is unset or empty.
+    The folder is `eairl_jax` in `XDG_CACHE_HOME`, or in `~/.cache` where that variable is unset, empty or relative: a
+    relative folder would be a part of whatever folder the user stands in.
     """
-    cache_home = environ.get("XDG_CACHE_HOME")
+    cache_home = Path(environ.get("XDG_CACHE_HOME", ""))
+    if cache_home.is_absolute():
+        return str(cache_home / "eairl_jax")
     try:
-        folder = Path(cache_home) if cache_home else Path.home() / ".cache"
+        home = Path.home()
     except RuntimeError:  # pathlib finds no home directory
         return None
-    return str(folder / "eairl_jax")
+    is_home = home.is_absolute() and home != Path(home.anchor)  # an empty HOME means the root
+    return str(home / ".cache" / "eairl_jax") if is_home else None
+
+
+def can_be_made(folder: str | None) -> bool:
+    """Whether a folder can be written, or made and then written."""
+    if folder is None:
+        return False
+    path = Path(folder)
+    while not path.exists() and path != path.parent:
+        path = path.parent
+    return path.is_dir() and os.access(path, os.W_OK | os.X_OK)
 
 
 def prevent_loop_fusion(scalar: jax.Array) -> jax.Array:

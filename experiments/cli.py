@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import importlib
+import os
 import shlex
 import sys
 from typing import NoReturn
@@ -12,6 +13,7 @@ import tyro
 
 from eairl_jax.errors import InputError
 from eairl_jax.experiments.command_line import normalised
+from eairl_jax.experiments.display.plain import print_anything
 from eairl_jax.experiments.options import COMMANDS
 from eairl_jax.version import __version__
 
@@ -23,6 +25,7 @@ DESCRIPTION = (
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point of `eairl`. Bad input exits with code 2, a failed training with 1, an interruption with 130."""
+    print_anything()
     arguments = sys.argv[1:] if arguments is None else arguments
     if arguments == ["--version"]:
         print(f"eairl_jax {__version__}")
@@ -32,9 +35,7 @@ def main(arguments: list[str] | None = None) -> None:
     except InputError as e:
         _exit(str(e), 2)
     options = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="eairl", description=DESCRIPTION, args=each_once)
-    from eairl_jax.xla import configure_jax
-
-    configure_jax()
+    _configure_jax()
     from eairl_jax.experiments.pipeline.train import Diverged
 
     (name,) = (name for name, record in COMMANDS.items() if type(options) is record)
@@ -53,11 +54,28 @@ def main(arguments: list[str] | None = None) -> None:
         _exit("stopped; a training goes on from its last checkpoint when its command is given again", 130)
 
 
+def _configure_jax() -> None:
+    """Sets up jax, and says what the user's own variables cost."""
+    from eairl_jax import xla
+
+    for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
+        if not os.path.isabs(os.environ.get(name, os.sep)):  # the standard says to ignore a relative folder
+            del os.environ[name]
+    try:
+        remarks = xla.costs(os.environ, xla.usable_cores()) if "jax" not in sys.modules else []
+        xla.configure_jax()
+    except InputError as e:
+        _exit(str(e), 2)
+    for remark in remarks:
+        print(f"eairl: {remark}", file=sys.stderr)
+
+
 def _exit(message: str, code: int) -> NoReturn:
     from rich.console import Console
-    from rich.markup import escape  # a path may hold brackets
+    from rich.text import Text  # no markup: a path may hold brackets
 
-    Console(stderr=True, highlight=False).print(f"[bold red]eairl:[/bold red] {escape(message)}", soft_wrap=True)
+    text = Text.assemble(("eairl:", "bold red"), " ", message)
+    Console(stderr=True, highlight=False, emoji=False).print(text, soft_wrap=True)
     sys.exit(code)
 
 

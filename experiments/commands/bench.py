@@ -11,7 +11,7 @@ import jax
 import mujoco
 import mujoco.rollout
 import numpy as np
-from rich.table import Table
+from rich.text import Text
 
 from eairl_jax import (
     Algorithm,
@@ -27,7 +27,7 @@ from eairl_jax import (
     rollout,
 )
 from eairl_jax.envs.mjx_task import MjxTask
-from eairl_jax.experiments.display.console import console
+from eairl_jax.experiments.display.console import console, print_rows
 from eairl_jax.experiments.options import Bench
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine, peak_memory_gb
@@ -51,7 +51,7 @@ def run(options: Bench, command_line: str) -> None:
             raise InputError(f"{experiment.name} is not adversarial: bench measures {', '.join(METHODS)}")
     if options.json:
         check_writable(options.json)
-    with console.status(f"{task}: compiling and measuring"):
+    with console.status(Text(f"{task}: compiling and measuring")):
         results, simulation = measure(experiments, iterations)
     for experiment in experiments:
         _print(experiment, results[experiment.name])
@@ -257,14 +257,12 @@ def _print(experiment: Experiment, result: dict) -> None:
     milliseconds = result["milliseconds"]
     steps = result["env_steps_per_iteration"]
     title = f"{experiment.name} in {experiment.source.task}: {steps:,} env steps an iteration, one seed"
-    table = Table(title=title, title_justify="left")
-    for name, justify in (("stage", "left"), ("ms", "right"), ("env steps/s", "right"), ("share", "right")):
-        table.add_column(name, justify=justify)
+    rows = []
     for name, ms in milliseconds.items():
         steps = result["env_steps_per_iteration"] * (SEEDS if "five" in name else 1)
         share = f"{ms / milliseconds['iteration']:.0%}" if "five" not in name else ""
-        table.add_row(name, f"{ms:.1f}", f"{1e3 * steps / ms:,.0f}", share)
-    console.print(table)
+        rows.append([name, f"{ms:.1f}", f"{1e3 * steps / ms:,.0f}", share])
+    print_rows(title, ["stage", "ms", "env steps/s", "share"], rows)
     console.print(
         f"speed of a whole iteration over that of simulation alone: {result['iteration_over_simulation']:.2f}\n"
         f"five seeds over one: {result['five_seeds_over_one']:.2f} x the time, {len(jax.devices())} devices (aim 4)\n"
@@ -275,11 +273,9 @@ def _print(experiment: Experiment, result: dict) -> None:
 
 def _compare(task: str, results: dict[str, dict]) -> None:
     first = next(iter(results))
-    table = Table(title=f"Iterations in {task}, one seed, measured in turns", title_justify="left")
-    for name in ("", "ms", "speed over simulation", f"time over {first}"):
-        table.add_column(name, justify="right" if name else "left")
-    base = results[first]["milliseconds"]["iteration"]
+    base, rows = results[first]["milliseconds"]["iteration"], []
     for row, result in results.items():
         ms = result["milliseconds"]["iteration"]
-        table.add_row(row, f"{ms:.1f}", f"{result['iteration_over_simulation']:.2f}", f"{ms / base:.2f}")
-    console.print(table)
+        rows.append([row, f"{ms:.1f}", f"{result['iteration_over_simulation']:.2f}", f"{ms / base:.2f}"])
+    titles = ["", "ms", "speed over simulation", f"time over {first}"]
+    print_rows(f"Iterations in {task}, one seed, measured in turns", titles, rows)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
-from rich.table import Table
 
-from eairl_jax.experiments.display.console import console, mean_and_std, say
+from eairl_jax.experiments.display.console import console, mean_and_std, print_rows, say
 from eairl_jax.experiments.display.plots import plot_diagnosis
 from eairl_jax.experiments.options import Diagnose
 from eairl_jax.experiments.pipeline import policies
@@ -29,15 +28,11 @@ def run(options: Diagnose, command_line: str) -> None:
 
 
 def _print(title: str, seeds: list[int], diagnosis: Diagnosis) -> None:
-    table = Table(title=title, title_justify="left")
-    table.add_column("behaviour", overflow="fold")
-    for name in ("share of best", "learned, a step", "true return"):
-        table.add_column(name, justify="right", no_wrap=True)
+    rows = []
     for name, behaviour in diagnosis.behaviours.items():
         share = diagnosis.share_of(name)
-        cells = (f"{share.mean():.2f} ({share.min():.2f})", *(_cell(values) for values in behaviour))
-        table.add_row(name, *cells)
-    console.print(table)
+        rows.append([name, f"{share.mean():.2f} ({share.min():.2f})", *(_cell(values) for values in behaviour)])
+    print_rows(title, ["behaviour", "share of best", "learned, a step", "true return"], rows)
     say("mean ± standard deviation over seeds; share of best: 0 random actions, 1 the best known, in brackets the")
     say("lowest seed. `trained on the reward` is the policy that was scored; the others are here to compare with")
     figures = (diagnosis.share, diagnosis.behaviours[TRAINED].true, diagnosis.best_true, diagnosis.verdicts)

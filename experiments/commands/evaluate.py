@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import jax
 import numpy as np
-from rich.table import Table
+from rich.text import Text
 
 from eairl_jax import InputError
 from eairl_jax.arguments import count
 from eairl_jax.envs import c_engine
 from eairl_jax.envs.mjx_task import MjxTask
-from eairl_jax.experiments.display.console import console, say
+from eairl_jax.experiments.display.console import Layout, console, print_rows, say
 from eairl_jax.experiments.options import Evaluate
 from eairl_jax.experiments.pipeline import policies
 from eairl_jax.experiments.pipeline.experiment import make_env
@@ -36,7 +36,7 @@ def run(options: Evaluate, command_line: str) -> None:
     engine = "MJX" if isinstance(trained.env, MjxTask) else "JAX"
     returns = {engine: final_returns(trained.env, trained.algorithm, trained.state, trained.seeds, episodes, sampled)}
     if env is not None:
-        with console.status(f"{trained.task}: {episodes} episodes of each seed in the C engine"):
+        with console.status(Text(f"{trained.task}: {episodes} episodes of each seed in the C engine")):
             returns[ENGINES[options.engine]] = c_engine_returns(trained, env, episodes, sampled)
     policy = "sampled policy" if sampled else "mean action"
     _print(f"{trained.task}: true return, {policy}, {episodes} episodes a seed", trained.seeds, returns)
@@ -91,18 +91,16 @@ def c_engine_returns(trained: Policies, env: MjxTask, episodes: int, sampled: bo
 
 def _print(title: str, seeds: list[int], returns: dict[str, np.ndarray]) -> None:
     """Prints the table; `returns` holds `[seeds, episodes]` by engine."""
-    table = Table(title=title, title_justify="left")
-    for name in ("seed", *returns, *(["C over MJX"] if len(returns) > 1 else [])):
-        table.add_column(name, justify="right", no_wrap=True)
+    titles = ["seed", *returns, *(["C over MJX"] if len(returns) > 1 else [])]
+    rows = []
     for lane, seed in enumerate(seeds):
         lane_returns = [each[lane] for each in returns.values()]
         cells = [f"{each.mean():.2f} ± {each.std(ddof=1) / np.sqrt(each.size):.2f}" for each in lane_returns]
-        table.add_row(str(seed), *cells, *_difference(lane_returns))
+        rows.append([str(seed), *cells, *_difference(lane_returns)])
     if len(seeds) > 1:
-        table.add_section()
         means = [each.mean(axis=1) for each in returns.values()]
-        table.add_row("all", *(f"{each.mean():.2f} ± {each.std():.2f}" for each in means), *_difference(means))
-    console.print(table)
+        rows.append(["all", *(f"{each.mean():.2f} ± {each.std():.2f}" for each in means), *_difference(means)])
+    print_rows(title, titles, rows, Layout(folded=(), apart=int(len(seeds) > 1)))
     say("a seed: mean ± standard error over its episodes; all: mean ± standard deviation over seeds")
     if len(returns) > 1:
         say("episodes start alike in both engines, and the policy draws the same noise")

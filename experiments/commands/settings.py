@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rich.markup import escape
-from rich.table import Table
-
-from eairl_jax.experiments.display.console import console, say
+from eairl_jax.experiments.display.console import Layout, print_rows, say
 from eairl_jax.experiments.options import Settings
 from eairl_jax.experiments.pipeline.experiment import make_env
 from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS
@@ -27,13 +24,8 @@ def run(options: Settings, command_line: str) -> None:
         make_env(options.task)  # refuses an unknown task
     texts = documentation()
     for group, defaults in GROUPS.items():
-        table = Table(title=GROUP_TITLES[group], title_justify="left", show_lines=True)
-        table.add_column("setting", no_wrap=True)
-        table.add_column("default", overflow="fold")
-        table.add_column("meaning", overflow="fold")
-        for name, default in defaults.items():
-            table.add_row(name, escape(text_of(default)), escape(texts.get(name, "")))
-        console.print(table)
+        rows = [[name, text_of(default), texts.get(name, "")] for name, default in defaults.items()]
+        print_rows(GROUP_TITLES[group], ["setting", "default", "meaning"], rows, Layout((1, 2), lines=True))
     if options.task is None:
         say("`eairl settings TASK` also shows the recipes of a task; change a setting with --set NAME=VALUE")
     else:
@@ -42,12 +34,12 @@ def run(options: Settings, command_line: str) -> None:
 
 def _print_recipes(task: str) -> None:
     """What the recipes of a task change, purpose by purpose."""
-    table = Table(title=f"Recipes of {task}: what differs from the defaults", title_justify="left", show_lines=True)
-    table.add_column("purpose", no_wrap=True)
-    table.add_column("settings", overflow="fold")
-    for section, values in sections(task).items():
-        table.add_row(section, escape("  ".join(f"{name}={text_of(value)}" for name, value in values.items())))
-    console.print(table)
+    rows = [
+        [section, "  ".join(f"{name}={text_of(value)}" for name, value in values.items())]
+        for section, values in sections(task).items()
+    ]
+    title = f"Recipes of {task}: what differs from the defaults"
+    print_rows(title, ["purpose", "settings"], rows, Layout((1,), lines=True))
     say("a section such as `reward separable` applies on top of `reward`, for that form, method or --tuned")
 
 

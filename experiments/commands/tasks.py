@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from rich.table import Table
-
 from eairl_jax import InputError, demonstrations, envs
 from eairl_jax.envs import registry
-from eairl_jax.experiments.display.console import console, say
+from eairl_jax.experiments.display.console import console, print_rows, say
 from eairl_jax.experiments.options import Tasks
 from eairl_jax.experiments.pipeline.experiment import make_env, shipped_demonstrations
 
@@ -14,18 +12,15 @@ from eairl_jax.experiments.pipeline.experiment import make_env, shipped_demonstr
 def run(options: Tasks, command_line: str) -> None:
     """Prints a line for each task, then a sentence about each."""
     del options, command_line  # there is nothing to ask
-    table = Table(title="Tasks", title_justify="left")
-    for name in ("task", "obs", "act", "action limit", "steps", "expert", "random"):
-        table.add_column(name, justify="left" if name == "task" else "right", no_wrap=True)
-    summaries = []
+    rows, summaries = [], []
     for name in envs.TASKS:
         env = make_env(name)
         sizes = [env.observation_size, env.action_size, f"±{env.action_limit:g}", env.episode_length]
-        table.add_row(name, *map(str, sizes), *_returns(name))
+        rows.append([name, *map(str, sizes), *_returns(name)])
         summaries.append(_summary(name, type(env).__doc__ or ""))
-    console.print(table)
-    console.print("\n".join(summaries), markup=False, highlight=False)
-    console.print("\n".join(_elsewhere()), markup=False, highlight=False)
+    print_rows("Tasks", ["task", "obs", "act", "action limit", "steps", "expert", "random"], rows)
+    console.print("\n".join(summaries))
+    console.print("\n".join(_elsewhere()))
     say("expert: mean true return of the expert that made the shipped demonstrations, sampled, over 500 episodes")
 
 
@@ -56,5 +51,5 @@ def _summary(task: str, docstring: str) -> str:
     variant = "; ".join(
         f"{name} {', '.join([value] if isinstance(value, str) else value)}" for name, value in arguments.items()
     )
-    first_line = docstring.strip().splitlines()[0]
+    first_line = docstring.strip().partition("\n")[0]  # `python -OO` leaves no docstring
     return f"{task}: {first_line}" + (f" Here: {variant}." if variant else "")

@@ -11,9 +11,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-console = Console()
+from eairl_jax.experiments.display.plain import encodable
+
+# Names and paths may hold brackets and colons, so no text is markup.
+console = Console(markup=False, emoji=False, highlight=False)
 # A remark to the user. It is dim, and never wrapped, so that the paths in it can be copied.
-say = functools.partial(console.print, style="dim", markup=False, soft_wrap=True, highlight=False)
+say = functools.partial(console.print, style="dim", soft_wrap=True)
 
 SHORTEST_NAME = 16  # columns that a table leaves to the names of its lines, at least
 
@@ -58,29 +61,54 @@ def mean_and_std(mean: float, std: float) -> str:
 
 
 def print_table(title: str, lines: Sequence[Line]) -> None:
-    """Prints mean and standard deviation of each line beside the paper's, then the return of every seed.
-
-    A terminal that is too narrow for the columns gets a paragraph for each line instead.
-    """
+    """Prints mean and standard deviation of each line beside the paper's, then the return of every seed."""
     titles = [
         "mean ± std",
         *(["paper"] if any(line.paper for line in lines) else []),
         *(["normalized"] if any(line.normalized is not None for line in lines) else []),
     ]
-    cells = [[_cells(line)[title] for title in titles] for line in lines]
-    widths = [max(map(len, column)) for column in zip(titles, *cells, strict=True)]
-    # Two spaces and a border belong to each column.
-    needed = sum(widths) + 3 * (len(widths) + 1) + 1 + min(SHORTEST_NAME, max(len(line.name) for line in lines))
-    names = [line.name for line in lines]
-    if needed <= console.width:
-        console.print(_table(title, titles, names, cells))
-    else:
-        _print_paragraphs(title, titles, names, cells)
+    print_rows(title, ["", *titles], [[line.name, *(_cells(line)[title] for title in titles)] for line in lines])
     for line in lines:
         seeds = "every seed " + "  ".join(f"{value:.2f}" for value in line.returns) if len(line.returns) > 1 else ""
         remarks = "; ".join(remark for remark in (seeds, line.note) if remark)
         if remarks:
             say(_printable(f"{line.name}: {remarks}"))
+
+
+class Layout(NamedTuple):
+    """How a table is shown.
+
+    Attributes:
+      folded: the columns of texts, whose lines may be broken. The others are figures, and stand in one piece.
+      lines: whether a line is drawn between all rows.
+      apart: rows at the end that a line sets apart.
+    """
+
+    folded: tuple[int, ...] = (0,)
+    lines: bool = False
+    apart: int = 0
+
+
+def print_rows(title: str, titles: Sequence[str], rows: Sequence[Sequence[str]], layout: Layout | None = None) -> None:
+    """Prints a table of texts.
+
+    A terminal that is too narrow for the columns gets a paragraph for each row instead. So nothing is ever cut off.
+
+    Args:
+      title: of the table.
+      titles: of the columns; the first column holds the names of the rows.
+      rows: one text for each column.
+    """
+    layout = layout or Layout()
+    title, titles = _printable(title), [_printable(each) for each in titles]
+    rows = [[_printable(text) for text in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(titles, *rows, strict=True)]
+    widths = [min(width, SHORTEST_NAME) if i in layout.folded else width for i, width in enumerate(widths)]
+    # Two spaces and a border belong to each column.
+    if sum(widths) + 3 * len(widths) + 1 <= console.width:
+        console.print(_table(title, titles, rows, layout))
+    else:
+        _print_paragraphs(title, titles, rows)
 
 
 def _cells(line: Line) -> dict[str, str]:
@@ -92,29 +120,37 @@ def _cells(line: Line) -> dict[str, str]:
     }
 
 
-def _table(title: str, titles: list[str], names: list[str], cells: list[list[str]]) -> Table:
-    table = Table(title=Text(_printable(title)), title_justify="left")
-    table.add_column("", overflow="fold")
-    for column in titles:
-        table.add_column(_printable(column), justify="right", no_wrap=True)
-    for texts in zip(names, *zip(*cells, strict=True), strict=True):
-        table.add_row(*(Text(_printable(text)) for text in texts))
+def _table(title: str, titles: Sequence[str], rows: Sequence[Sequence[str]], layout: Layout) -> Table:
+    table = Table(title=Text(title), title_justify="left", show_lines=layout.lines)
+    for i, column in enumerate(titles):
+        is_text = i in layout.folded
+        table.add_column(
+            Text(column),
+            justify="left" if is_text or i == 0 else "right",
+            overflow="fold",
+            no_wrap=not is_text,
+            min_width=min(SHORTEST_NAME, max(map(len, (column, *(row[i] for row in rows))))) if is_text else None,
+        )
+    for number, row in enumerate(rows):
+        if layout.apart and number == len(rows) - layout.apart:
+            table.add_section()
+        table.add_row(*map(Text, row))
     return table
 
 
-def _print_paragraphs(title: str, titles: list[str], names: list[str], cells: list[list[str]]) -> None:
-    console.print(_printable(title), style="italic", markup=False, highlight=False)
-    for name, texts in zip(names, cells, strict=True):
-        console.print(_printable(name), markup=False, highlight=False, overflow="fold")
-        for column, text in zip(titles, texts, strict=True):
+def _print_paragraphs(title: str, titles: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    console.print(title, style="italic", overflow="fold")
+    for name, *texts in rows:
+        console.print(name, overflow="fold")
+        for column, text in zip(titles[1:], texts, strict=True):
             if text not in ("", "-"):
-                console.print(_printable(f"  {column}: {text}"), markup=False, highlight=False, overflow="fold")
+                console.print(f"  {column}: {text}", overflow="fold")
 
 
 def _printable(text: str) -> str:
-    """The text with `+-` for ± and `?` for other characters that the terminal's encoding lacks."""
-    try:
-        text.encode(console.encoding)
-    except UnicodeEncodeError:
-        return text.replace("±", "+-").encode(console.encoding, "replace").decode(console.encoding)
-    return text
+    """The text with substitutes for what the terminal cannot show: characters of other encodings, control characters.
+
+    A name from a file could otherwise move the cursor or colour the terminal.
+    """
+    text = "".join(each if each.isprintable() or each in "\n\t" else ascii(each)[1:-1] for each in text)
+    return encodable(text, console.encoding)

@@ -11,6 +11,7 @@ from pathlib import Path
 import jax
 import numpy as np
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
 
 from eairl_jax import Algorithm, Checkpoints, Lanes, evaluate
 from eairl_jax.envs.mjx_task import Task
@@ -106,7 +107,7 @@ def train(
         if done >= iterations:
             return lanes.take(state)
         folder.keep_metrics((done - first) * len(labels))
-        with console.status(f"{title}: compiling"):
+        with console.status(Text(f"{title}: compiling")):
             compile_seconds = lanes.compile(state, chunk)
         folder.add_seconds(compile_seconds=compile_seconds)
         with _Report(title, recipe, len(labels), done) as report:
@@ -134,7 +135,7 @@ class _Report:
         self._title, self._iterations = title, recipe.config.iterations
         self._steps = lanes * recipe.snapshot_every * recipe.config.steps_per_iteration
         self._progress = Progress(
-            TextColumn("[bold]{task.description}"),
+            TextColumn("{task.description}", style="bold", markup=False),
             BarColumn(),
             TextColumn("{task.completed}/{task.total} iterations"),
             TextColumn("{task.fields[rate]}"),

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from eairl_jax import xla
+from eairl_jax import InputError, xla
 
 ROOT = Path(__file__).resolve().parents[2]
 LOOPS = "--xla_cpu_experimental_ynn_fusion_type="
@@ -46,6 +46,9 @@ def test_another_jaxlib_gets_no_flag_that_it_may_not_know(version):
         ({"NPROC": "4"}, 16, (3, 4)),
         ({"NPROC": "1"}, 16, (1, 1)),
         ({"NPROC": "9", "JAX_NUM_CPU_DEVICES": "4"}, 2, (4, 9)),
+        ({"NPROC": "", "JAX_NUM_CPU_DEVICES": " "}, 2, (2, 6)),
+        ({"XLA_FLAGS": "--xla_force_host_platform_device_count=8"}, 2, (8, 18)),
+        ({"NPROC": "1", "JAX_NUM_CPU_DEVICES": "1"}, 2, (1, 1)),
     ],
 )
 def test_the_pool_of_threads_is_larger_than_the_number_of_devices(environ, cores, expected):
@@ -56,6 +59,7 @@ def test_the_pool_of_threads_is_larger_than_the_number_of_devices(environ, cores
     ("environ", "folder"),
     [
         ({"XDG_CACHE_HOME": "/var/cache"}, "/var/cache/eairl_jax"),
+        ({"XDG_CACHE_HOME": "here"}, "/home/someone/.cache/eairl_jax"),
         ({"XDG_CACHE_HOME": ""}, "/home/someone/.cache/eairl_jax"),
         ({}, "/home/someone/.cache/eairl_jax"),
     ],
@@ -72,6 +76,62 @@ def test_without_a_home_directory_there_is_no_cache(monkeypatch):
     monkeypatch.setattr(xla.Path, "home", no_home)
     assert xla.compilation_cache({}) is None
     assert xla.compilation_cache({"XDG_CACHE_HOME": "/var/cache"}) == "/var/cache/eairl_jax"
+
+
+@pytest.mark.parametrize("home", ["/", "", "here"])
+def test_a_home_that_is_none_holds_no_cache(monkeypatch, home):
+    monkeypatch.setattr(xla.Path, "home", lambda: Path(home))
+    assert xla.compilation_cache({}) is None
+
+
+@pytest.mark.parametrize(
+    ("environ", "message"),
+    [
+        ({"NPROC": "two"}, "NPROC='two': expected a whole number"),
+        ({"NPROC": "-1"}, "NPROC='-1': expected"),
+        ({"JAX_NUM_CPU_DEVICES": "0"}, "JAX_NUM_CPU_DEVICES='0': expected a whole number from 1"),
+        ({"XLA_FLAGS": "--xla_force_host_platform_device_count=x"}, "device_count='x': expected"),
+        ({"NPROC": "4", "JAX_NUM_CPU_DEVICES": "4"}, "NPROC=4 is too small for 4 devices: .* set NPROC=10"),
+        ({"NPROC": "3", "XLA_FLAGS": "--xla_force_host_platform_device_count=8"}, "NPROC=3 is too small for 8"),
+    ],
+)
+def test_variables_with_which_nothing_runs_are_refused(environ, message):
+    with pytest.raises(InputError, match=message):
+        xla.cpu_devices(environ, 2)
+
+
+HOME = {"JAX_COMPILATION_CACHE_DIR": "/var/cache"}
+
+
+@pytest.mark.parametrize(
+    ("environ", "said"),
+    [
+        ({}, []),
+        ({"JAX_NUM_CPU_DEVICES": "2", "NPROC": "6"}, []),
+        ({"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false --xla_dump_to=x"}, []),
+        ({"JAX_NUM_CPU_DEVICES": "1"}, ["JAX_NUM_CPU_DEVICES leaves 1 of 2 cores"]),
+        ({"NPROC": "2"}, ["NPROC leaves 1 of 2 cores"]),
+        ({"XLA_FLAGS": "--xla_force_host_platform_device_count=1"}, ["device_count leaves 1 of 2 cores"]),
+        ({"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=true"}, ["XLA_FLAGS has --xla_cpu_multi_thread_eigen=true: runs"]),
+    ],
+)
+def test_what_the_users_variables_cost_is_said(environ, said):
+    found = xla.costs(HOME | environ, 2)
+    assert len(found) == len(said)
+    assert all(words in text for words, text in zip(said, found, strict=True))
+
+
+def test_a_process_without_a_home_says_that_it_compiles_anew(monkeypatch):
+    monkeypatch.setattr(xla.Path, "home", lambda: Path("/"))
+    assert "there is no home directory" in xla.costs({}, 2)[0]
+    assert not xla.costs({"JAX_COMPILATION_CACHE_DIR": "/var/cache"}, 2)
+
+
+def test_a_folder_can_be_made_below_a_folder_and_not_below_a_file(tmp_path):
+    (tmp_path / "file").touch()
+    assert xla.can_be_made(str(tmp_path / "a" / "b"))
+    assert not xla.can_be_made(str(tmp_path / "file" / "b"))
+    assert not xla.can_be_made(None)
 
 
 REPORT = """

@@ -22,7 +22,7 @@ def printed(monkeypatch):
 
     def on(width, encoding="utf-8", lines=LINES):
         stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding, newline="")
-        terminal = Console(file=stream, width=width)
+        terminal = Console(file=stream, width=width, markup=False, emoji=False, highlight=False)
         monkeypatch.setattr(module, "console", terminal)
         monkeypatch.setattr(module, "say", functools.partial(terminal.print, **module.say.keywords))
         print_table("two seeds of [a title]", lines)
