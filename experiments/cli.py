@@ -1,12 +1,19 @@
 """The command line, `eairl`: reads the arguments, runs the command, and turns every failure into one clear message."""
 
+# ruff: noqa: E402
+
 from __future__ import annotations
+
+import sys
+
+# `python -m` puts the current folder first on the path. Nothing of that folder may be taken for a module of ours.
+if __name__ == "__main__" and not sys.flags.safe_path:
+    del sys.path[0]
 
 import errno
 import importlib
 import os
 import shlex
-import sys
 from typing import NoReturn
 
 import tyro

@@ -37,7 +37,8 @@ def page(title: str, env: Task, qpos: np.ndarray) -> str:
     Args:
       qpos: positions `[T, nq]`, one environment step apart.
     """
-    system = json.dumps(scene(env, qpos)).replace("</", "<\\/")
+    # Without "<", no name in the scene can end the script that the scene stands in, or begin a comment in it.
+    system = json.dumps(scene(env, qpos)).replace("<", "\\u003c")
     template = string.Template((_viewer() / "page.html").read_text(encoding="utf-8"))
     return template.substitute(title=html.escape(title), importmap=json.dumps(_import_map()), system=system)
 
