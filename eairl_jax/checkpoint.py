@@ -68,7 +68,8 @@ class Checkpoints:
                     "run, or another folder"
                 )
         saved = self._manager.restore(iteration, args=self._ocp.args.StandardRestore(template))
-        return jax.tree.unflatten(jax.tree.structure(like), [np.asarray(saved.get(name, leaves[name])) for name in leaves])
+        arrays = [np.asarray(saved.get(name, leaf)) for name, leaf in leaves.items()]
+        return jax.tree.unflatten(jax.tree.structure(like), arrays)
 
 
 def _filled(leaves: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

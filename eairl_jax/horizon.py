@@ -64,12 +64,17 @@ def resolved(env: Env, config: Config, default: str) -> Config:
     return dataclasses.replace(config, episode_length=int(length), horizon=horizon)
 
 
+class HorizonWarning(UserWarning):
+    """A learned reward decides how long a policy wants to live."""
+
+
 def warn_if_variable(env: Env, config: Config) -> None:
-    """Warns, from Python, of an adversarial method on a task whose episodes end early and are left as they are."""
+    """Warns of an adversarial method on a task whose episodes end early and are left as they are."""
     if config.horizon == "variable" and can_end(env):
         warnings.warn(
             'horizon="variable": where episodes end early, the sign of the learned reward decides how long a policy '
             'wants to live; compare with Config(horizon="absorbing")',
+            HorizonWarning,
             stacklevel=3,
         )
 
@@ -254,9 +259,10 @@ def check_demonstrations(env: Env, demos: Demonstrations, config: Config, where:
         they end in a task that never ends an episode.
     """
     lengths, limit = demos.lengths, config.episode_length
-    if lengths.max() > limit:
+    longest = max(limit, getattr(env, "episode_length", 0))  # a user may learn from shorter episodes
+    if lengths.max() > longest:
         raise InputError(
-            f"{where} holds an episode of {lengths.max()} steps, and the time limit is {limit} steps: give the time "
+            f"{where} holds an episode of {lengths.max()} steps, and the time limit is {longest} steps: give the time "
             "limit of the demonstrated task, or other demonstrations"
         )
     if not can_end(env):
