@@ -68,7 +68,7 @@ class Checkpoints:
                     "run, or another folder"
                 )
         saved = self._manager.restore(iteration, args=self._ocp.args.StandardRestore(template))
-        return jax.tree.unflatten(jax.tree.structure(like), [np.asarray((leaves | saved)[name]) for name in leaves])
+        return jax.tree.unflatten(jax.tree.structure(like), [np.asarray(leaf) for leaf in {**leaves, **saved}.values()])
 
 
 def _filled(leaves: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
