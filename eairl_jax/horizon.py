@@ -126,7 +126,7 @@ class FixedHorizon:
     def step(self, state: HorizonState, action: jax.Array) -> HorizonState:
         inner = self._env.step(state.inner, action)
         reward = jnp.where(state.ended > 0, 0.0, inner.reward)
-        return self._state(inner, reward, jnp.maximum(state.ended, inner.done.astype(jnp.float32)))
+        return self._state(inner, reward, jnp.where(state.ended > 0, 1.0, inner.done.astype(jnp.float32)))
 
     def _state(self, inner: Any, reward: jax.Array, ended: jax.Array) -> HorizonState:
         obs = absorb(inner.obs, ended) if self._absorbing else inner.obs
