@@ -68,12 +68,7 @@ class Checkpoints:
                     "run, or another folder"
                 )
         saved = self._manager.restore(iteration, args=self._ocp.args.StandardRestore(template))
-<<<<<<< HEAD
-        arrays = [np.asarray(saved.get(name, leaf)) for name, leaf in leaves.items()]
-        return jax.tree.unflatten(jax.tree.structure(like), arrays)
-=======
         return jax.tree.unflatten(jax.tree.structure(like), [np.asarray(leaf) for leaf in {**leaves, **saved}.values()])
->>>>>>> 61f2e56c2a52d1e43d16653c7d5673dfc1f60316
 
 
 def _filled(leaves: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -67,7 +67,8 @@ def reward_per_step(reward: Callable[[Transition], jax.Array], steps: dict[str, 
     """
     zeros = jnp.zeros_like(steps["reward"])
     fields = {name: x for name, x in steps.items() if name != "valid"}
-    return (reward(Transition(**fields, log_prob=zeros, truncated=zeros)) * steps["valid"]).mean()
+    paid = reward(Transition(**fields, log_prob=zeros, truncated=zeros))
+    return jnp.where(jnp.asarray(steps["valid"]) > 0, paid, 0.0).mean()
 
 
 def random_policy(env: Env) -> Act:
