@@ -14,6 +14,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from eairl_jax.errors import Diverged, InputError
 from eairl_jax.hparams import check_hparams
 from eairl_jax.types import Algorithm, HParams, Key, Metrics, PyTree
+from eairl_jax.xla import refuse_double_precision
 
 LANES = "lanes"
 
@@ -51,6 +52,7 @@ class Lanes:
         data_per_lane: bool = False,
         devices: list | None = None,
     ):
+        refuse_double_precision()
         check_hparams(hparams)
         keys = raw_keys(keys)
         self.count = keys.shape[0]

@@ -21,7 +21,7 @@ def main(arguments: list[str] | None = None) -> None:
         description="Learn rewards from demonstrations, and use them elsewhere: EAIRL and its relatives in JAX.",
         args=arguments,
     )
-    from eairl_jax.xla import configure_jax
+    from eairl_jax.xla import configure_jax, refuse_double_precision
 
     configure_jax()
     from eairl_jax import Diverged, InputError
@@ -31,6 +31,7 @@ def main(arguments: list[str] | None = None) -> None:
     command = importlib.import_module(f"eairl_jax.experiments.commands.{name}")
     exit_on_sigterm()
     try:
+        refuse_double_precision()
         command.run(options, shlex.join(["eairl", *arguments]))
     except InputError as e:
         _exit(str(e), 2)

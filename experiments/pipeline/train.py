@@ -106,7 +106,7 @@ def train(
             state = lanes.put(start.states()) if start else lanes.init()
         if done >= iterations:
             return lanes.take(state)
-        folder.keep_metrics((done - first) * len(labels))
+        folder.keep_metrics((done - first) * len(labels), labels)
         with console.status(f"{title}: compiling"):
             compile_seconds = lanes.compile(state, chunk)
         folder.add_seconds(compile_seconds=compile_seconds)
@@ -200,6 +200,9 @@ def final_returns(
     Args:
       episodes: `EVALUATION_EPISODES` if None.
       sampled: whether the policy samples its actions or takes its mean action.
+
+    Raises:
+      Diverged: if a return is not finite.
     """
     episodes = episodes or EVALUATION_EPISODES
 
@@ -210,4 +213,15 @@ def final_returns(
         return evaluate(key, env, act, episodes, env.episode_length)[0]
 
     state = jax.tree.map(jax.numpy.asarray, state)
-    return np.asarray(jax.jit(jax.vmap(lane_returns))(state, lane_keys(EVALUATE, seeds)))
+    returns = np.asarray(jax.jit(jax.vmap(lane_returns))(state, lane_keys(EVALUATE, seeds)))
+    if not np.isfinite(returns).all():
+        lane, episode = np.argwhere(~np.isfinite(returns))[0]
+        raise Diverged(
+            f"the policy of seed {seeds[lane]} has a true return of {returns[lane, episode]} in episode {episode}: the "
+            "policy or the simulation has diverged, so there is no score",
+            "true_return",
+            int(lane),
+            int(episode),
+            float(returns[lane, episode]),
+        )
+    return returns
