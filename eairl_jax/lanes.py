@@ -119,6 +119,9 @@ class Lanes:
         state, metrics = self._programs[length](state, self.hparams, self.data)
         metrics = self.take(metrics)
         refuse_not_finite(metrics)
+        if "true_return" in metrics:
+            returns = metrics["true_return"]
+            metrics["true_return"] = np.where(np.isneginf(returns), np.float32(np.nan), returns)
         return state, metrics
 
     def _spread(self, function: Callable, in_specs) -> Callable:
@@ -126,9 +129,12 @@ class Lanes:
 
 
 def refuse_not_finite(metrics: dict[str, np.ndarray]) -> None:
-    """Raises `Diverged` if a metric `[lanes, length]` holds NaN or infinity (`true_return`: infinity)."""
+    """Raises `Diverged` if a metric `[lanes, length]` holds NaN or infinity.
+
+    The metric `true_return` is -inf while no episode has ended (NaN in earlier versions).
+    """
     for name, values in metrics.items():
-        bad = np.isinf(values) if name == "true_return" else ~np.isfinite(values)
+        bad = np.isposinf(values) if name == "true_return" else ~np.isfinite(values)
         if bad.any():
             lane, t = np.argwhere(bad)[np.argwhere(bad)[:, 1].argmin()]
             raise Diverged(

@@ -138,3 +138,14 @@ def test_a_training_that_diverges_is_stopped_and_named():
     with pytest.raises(Diverged, match="loss became nan in lane 1 at iteration 1 of 2") as e:
         lanes.run(state, 2)
     assert (e.value.metric, e.value.lane, e.value.iteration) == ("loss", 1, 1)
+
+
+def test_a_user_can_hunt_a_nan(built, demos):
+    """Nothing in an iteration is NaN by design, so `jax_debug_nans` finds the NaN that is a fault."""
+    algorithm, init, _ = built()
+    with jax.debug_nans(True):
+        state = init(jax.random.PRNGKey(0), HParams())
+        _, metrics = jax.jit(algorithm.step)(state, HParams(), demos)
+        with pytest.raises(FloatingPointError):
+            jax.jit(algorithm.step)(state, HParams(policy_lr=np.nan), demos)
+    assert all(np.isfinite(value) for name, value in metrics.items() if name != "true_return")
