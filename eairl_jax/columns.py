@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eairl_jax import storage
 from eairl_jax.demonstrations import BLOCK, load
 from eairl_jax.episodes import (
     AT_A_JUMP,
@@ -58,17 +59,13 @@ def read_npz(source: str, options: Options, task: str | None = None) -> Read:
     Raises:
       InputError: if the file or its arrays are no demonstrations.
     """
-    refuse_no_file(Path(source))
-    archive = np.load(source, allow_pickle=False)
-    if not isinstance(archive, np.lib.npyio.NpzFile):
-        raise InputError(f"{source} holds one array: expected an .npz of named arrays")
-    with archive:
-        if set(archive.files) >= OURS:
+    with storage.archive(Path(source)) as archive:
+        if set(archive.names) >= OURS:
             demos = load(source, task)
             return described(demos, Origin(source, "npz"), options)
-        fields, unused = fields_of(source, archive.files)
+        fields, unused = fields_of(source, archive.names)
         # An archive reads an array each time that it is asked for it.
-        columns = {name: archive[column] for name, column in fields.items()}
+        columns = {name: archive.array(column) for name, column in fields.items()}
     origin = Origin(source, "npz", unused=unused)
     if _is_stacked(columns):
         return gather(stacked(source, columns), origin, options)

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import numbers
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from eairl_jax.arguments import LARGEST_COUNT, real_number, whole_number
 from eairl_jax.errors import InputError
+from eairl_jax.schema import listed, shown
+
+MOST_LAYERS, LARGEST_WIDTH = 100, 2**16
+LARGEST_LOG_STD = 30.0
 
 
 @dataclass(frozen=True)
@@ -137,13 +142,20 @@ class Config:
     which case q's std never changes."""
 
     @staticmethod
-    def from_json(settings: dict) -> Config:
+    def from_json(settings: Any, where: Path | str = "these settings") -> Config:
         """The configuration that `dataclasses.asdict` and a JSON file have turned into a dict with lists.
 
+        Args:
+          where: what to call the settings in an error message, for example their file.
+
         Raises:
-          InputError: if a value is impossible.
+          InputError: if a value is impossible, or if this version has no such setting.
         """
-        return Config(**{name: tuple(v) if isinstance(v, list) else v for name, v in settings.items()})
+        refuse_unknown(settings, Config, where)
+        try:
+            return Config(**{name: tuple(v) if isinstance(v, list) else v for name, v in settings.items()})
+        except InputError as e:
+            raise InputError(f"{where}: {e}") from None
 
     @property
     def steps_per_iteration(self) -> int:
@@ -159,22 +171,42 @@ class Config:
         for field in dataclasses.fields(self):
             # The dataclass is frozen; a NumPy number becomes a Python number here, before anyone has seen the object.
             object.__setattr__(self, field.name, _as_type(field.name, getattr(self, field.name), str(field.type)))
-        for name in AT_LEAST_1:
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} = {getattr(self, name)}: expected at least 1")
-        for name in ("history_length", "policy_reset_every", "episode_length"):
-            if getattr(self, name) < 0:
-                raise InputError(f"{name} = {getattr(self, name)}: expected 0 or more")
-        for name in ("hidden", "policy_hidden", "value_hidden"):
-            if min(getattr(self, name), default=0) < 1:
-                raise InputError(
-                    f"{name} = {getattr(self, name)}: expected one or more widths of at least 1, for example (32, 32)"
-                )
+        self._check_ranges()
         for name, options in CHOICES.items():
             choose(name, getattr(self, name), options)
         for penalty in self.penalties:
             choose("penalty", penalty, PENALTIES)
         self._check_combinations()
+
+    def _check_ranges(self) -> None:
+        """Raises `InputError` where a number is too small, or larger than any computer needs."""
+        for name in AT_LEAST_1:
+            if getattr(self, name) < 1:
+                raise InputError(f"{name} = {shown(getattr(self, name))}: expected at least 1")
+        for name in ("history_length", "policy_reset_every", "episode_length"):
+            if getattr(self, name) < 0:
+                raise InputError(f"{name} = {shown(getattr(self, name))}: expected 0 or more")
+        for name in (*AT_LEAST_1, "history_length", "policy_reset_every", "episode_length"):
+            if getattr(self, name) > LARGEST_COUNT:
+                raise InputError(f"{name} = {shown(getattr(self, name))}: expected at most {LARGEST_COUNT}")
+        if self.steps_per_iteration > LARGEST_COUNT:
+            raise InputError(
+                f"num_envs x rollout_length = {self.steps_per_iteration} steps in one iteration: expected at most "
+                f"{LARGEST_COUNT}"
+            )
+        for name in ("hidden", "policy_hidden", "value_hidden"):
+            widths = getattr(self, name)
+            if min(widths, default=0) < 1 or max(widths) > LARGEST_WIDTH or len(widths) > MOST_LAYERS:
+                raise InputError(
+                    f"{name} = {shown(widths)}: expected 1 to {MOST_LAYERS} widths, each from 1 to {LARGEST_WIDTH}, "
+                    "for example (32, 32)"
+                )
+        for name in ("log_std_init", "log_std_min", "log_std_max"):
+            if not abs(getattr(self, name)) <= LARGEST_LOG_STD:
+                raise InputError(
+                    f"{name} = {shown(getattr(self, name))}: expected a number from -{LARGEST_LOG_STD:g} to "
+                    f"{LARGEST_LOG_STD:g}"
+                )
 
     def _check_combinations(self) -> None:
         """Raises `InputError` where two settings contradict each other."""
@@ -239,6 +271,22 @@ CHOICES: dict[str, tuple] = {
 }
 
 
+def refuse_unknown(settings: Any, cls: type, where: Path | str) -> None:
+    """Raises `InputError` unless `settings` are a dict of fields of the dataclass `cls`.
+
+    Args:
+      where: what to call the settings in an error message.
+    """
+    if not isinstance(settings, dict):
+        raise InputError(f"{where}: the {cls.__name__} is {shown(settings)}: expected an object of settings")
+    unknown = sorted(set(map(str, settings)) - {field.name for field in dataclasses.fields(cls)})
+    if unknown:
+        raise InputError(
+            f"{where} has settings that this version does not have: {listed(unknown)}; use the version that wrote "
+            "them, or make the run again"
+        )
+
+
 def choose(what: str, value: Any, options: Iterable) -> None:
     """Checks that `value` is one of `options`.
 
@@ -249,19 +297,7 @@ def choose(what: str, value: Any, options: Iterable) -> None:
     if value not in options:
         nearest = difflib.get_close_matches(str(value), [str(o) for o in options], n=3, cutoff=0.4)
         hint = f"; did you mean {' or '.join(nearest)}?" if nearest else "."
-        raise InputError(f"unknown {what} {value!r}{hint} Choose one of: {', '.join(str(o) for o in options)}")
-
-
-def _whole_number(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
-        raise TypeError
-    return int(value)
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, numbers.Real):
-        raise TypeError
-    return value if isinstance(value, int) else float(value)
+        raise InputError(f"unknown {what} {shown(value)}{hint} Choose one of: {', '.join(str(o) for o in options)}")
 
 
 def _text(value: Any) -> str:
@@ -287,11 +323,11 @@ def _tuple_of(one: Callable[[Any], Any]) -> Callable[[Any], tuple]:
 
 # Type of a field -> (what an error message calls it, conversion that raises TypeError for another type).
 TYPES: dict[str, tuple[str, Callable[[Any], Any]]] = {
-    "int": ("a whole number", _whole_number),
-    "float": ("a number", _number),
+    "int": ("a whole number", whole_number),
+    "float": ("a number", real_number),
     "str": ("a name", _text),
     "bool": ("True or False", _flag),
-    "tuple[int, ...]": ("a tuple of whole numbers, for example (32, 32)", _tuple_of(_whole_number)),
+    "tuple[int, ...]": ("a tuple of whole numbers, for example (32, 32)", _tuple_of(whole_number)),
     "tuple[str, ...]": ('a tuple of names, for example ("gradient",)', _tuple_of(_text)),
 }
 
@@ -302,4 +338,4 @@ def _as_type(name: str, value: Any, type_name: str) -> Any:
     try:
         return convert(value)
     except TypeError:
-        raise InputError(f"{name} = {value!r}: expected {expected}") from None
+        raise InputError(f"{name} = {shown(value)}: expected {expected}") from None

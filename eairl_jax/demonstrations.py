@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from eairl_jax import storage
+from eairl_jax import schema, storage
 from eairl_jax.errors import InputError
 from eairl_jax.types import Demonstrations, Env
 
@@ -18,6 +18,12 @@ NEEDED = ("obs", "next_obs", "terminated")
 FAR_ACTION, FAR_OBS = 20.0, 50.0
 """Actions of this root mean square, as a multiple of their bound, and observations this many standard deviations of the
 whole state space away, have other units than the task."""
+_number = schema.number(-1e30, 1e30)
+PROVENANCE = schema.record(
+    {"task": schema.text},
+    {"expert_return": _number, "random_return": _number, "returns": schema.list_of(_number)},
+)
+"""What the JSON beside demonstrations must look like."""
 BLOCK = 1024
 """Rows that are compared at a time."""
 ABSURD_ACTION = 1e4
@@ -33,14 +39,19 @@ def save(path: Path | str, demos: Demonstrations, provenance: dict) -> Path:
 
     Returns:
       The path of the `.npz`.
+
+    Raises:
+      InputError: if `load` would refuse the demonstrations, or if the provenance is no JSON object with a task.
     """
     path = npz_path(path)
+    provenance = storage.as_json(provenance, PROVENANCE, "the provenance")
+    demos = checked(demos, "the demonstrations")
     path.parent.mkdir(parents=True, exist_ok=True)
     arrays = {name: np.asarray(x, np.float32) for name, x in demos._asdict().items() if x is not None}
     arrays["lengths"] = np.asarray(demos.lengths, np.int32)
-    named = {"task": np.asarray(provenance["task"]), "format": np.asarray(FORMAT)}
-    storage.write_arrays(path, arrays | named)
-    storage.write_json(provenance_path(path), provenance)
+    arrays |= {"task": np.asarray(provenance["task"]), "format": np.asarray(FORMAT)}
+    storage.write_arrays(path, arrays | {storage.CHECKSUM: np.asarray(storage.checksum(arrays))})
+    storage.write_json(provenance_path(path), storage.sealed(provenance))
     return path
 
 
@@ -61,7 +72,8 @@ def provenance(path: Path | str) -> dict:
     Raises:
       InputError: if the file does not exist or is not a JSON object.
     """
-    return storage.read_json(provenance_path(path))
+    content = storage.read_json(provenance_path(path), PROVENANCE, "correct the line, or remove it")
+    return storage.unsealed(content, provenance_path(path))
 
 
 def load(
@@ -82,6 +94,7 @@ def load(
         or if `checked` finds a fault.
     """
     arrays = storage.read_arrays(Path(path))
+    found, expected = arrays.pop(storage.CHECKSUM, None), storage.checksum(arrays)
     missing = [name for name in NEEDED if name not in arrays]
     if missing:
         expected = ", ".join(Demonstrations._fields)
@@ -89,7 +102,7 @@ def load(
             f"{path} lacks {', '.join(missing)}: expected the arrays {expected}, of which action and reward may be "
             "absent; eairl_jax.demonstration_files.read reads files of other libraries"
         )
-    demonstrated = str(arrays["task"]) if "task" in arrays else None
+    demonstrated = _text(path, arrays["task"]) if "task" in arrays else None
     if task is not None and demonstrated is not None and demonstrated != task:
         raise InputError(f"{path} demonstrates {demonstrated!r}, not {task!r}: use demonstrations of {task!r}")
     if arrays["obs"].ndim == 3 and "lengths" not in arrays:
@@ -100,7 +113,20 @@ def load(
             "lengths [episodes], the steps of each episode"
         )
     demos = Demonstrations(*(arrays.get(name) for name in Demonstrations._fields))
-    return checked(demos, str(path), obs_size, action_size)
+    demos = checked(demos, str(path), obs_size, action_size)
+    storage.refuse_changed(path, found, expected)
+    return demos
+
+
+def _text(path: Path | str, x: np.ndarray) -> str:
+    """The name of the task, an array `[]` of text."""
+    try:
+        name = str(x) if x.shape == () and x.dtype.kind == "U" else ""
+    except (ValueError, SystemError):  # numbers that are no characters
+        name = ""
+    if not name.isprintable() or not name:
+        raise InputError(f"{path}: task has type {x.dtype} and shape {x.shape}, expected a name: write the file again")
+    return name
 
 
 def _flattened(path: Path | str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -120,12 +146,43 @@ def from_steps(steps: Mapping[str, Any]) -> Demonstrations:
     Args:
       steps: `obs`, `next_obs`, `terminated` and, if known, `action`, `reward` and `valid`. Without `valid` the steps
         count up to the first one that is terminated.
+
+    Raises:
+      InputError: if an array is missing, holds no numbers or has other episodes and steps than the others; if `valid`
+        has a gap.
     """
-    arrays = {name: np.asarray(x) for name, x in steps.items()}
+    arrays = _stacked(steps)
     ended = np.cumsum(arrays["terminated"] > 0, axis=1) - (arrays["terminated"] > 0) > 0
     valid = arrays["valid"] > 0 if "valid" in arrays else ~ended
+    if (np.diff(valid.astype(np.int8), axis=1) > 0).any():
+        raise InputError("valid has a gap: expected 1 for the first steps of each episode, and 0 for all after them")
     fields = {name: arrays[name][valid] if name in arrays else None for name in Demonstrations._fields[:-1]}
     return Demonstrations(**fields, lengths=valid.sum(axis=1).astype(np.int32))
+
+
+def _stacked(steps: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """The arrays `[E, T, ...]` of episodes as NumPy arrays; `InputError` if they are none."""
+    if not isinstance(steps, Mapping):
+        raise InputError(f"steps are {schema.shown(steps)}: expected a dict of arrays, as `evaluate` returns")
+    missing = [name for name in NEEDED if name not in steps]
+    if missing:
+        raise InputError(f"steps lack {', '.join(missing)}: expected {', '.join(NEEDED)}, as `evaluate` returns them")
+    known = [name for name in (*Demonstrations._fields[:-1], "valid") if steps.get(name) is not None]
+    try:
+        arrays = {name: np.asarray(steps[name]) for name in known}
+    except ValueError as e:
+        raise InputError(
+            f"one of {', '.join(known)} is no array ({e}): pad the episodes, and say so in valid"
+        ) from None
+    leading = arrays["obs"].shape[:2]
+    for name, x in arrays.items():
+        axes = 3 if name in ("obs", "action", "next_obs") else 2
+        if x.dtype.kind not in "biuf" or x.ndim != axes or x.shape[:2] != leading:
+            raise InputError(
+                f"{name} has shape {x.shape} and dtype {x.dtype}: expected numbers [episodes, steps"
+                f"{', size' if axes == 3 else ''}] as obs, which has shape {arrays['obs'].shape}"
+            )
+    return arrays
 
 
 def to_steps(demos: Demonstrations, length: int) -> dict[str, np.ndarray]:
@@ -172,15 +229,14 @@ def checked(
         of more than one step; if `terminated` is not 0 or 1, or is 1 before the last step of an episode; if `next_obs`
         is not the observation after `obs`.
     """
-    lengths = _checked_lengths(demos, where)
-    steps, rank = int(lengths.sum()), np.ndim(demos.obs)
-    if rank != 2 or (demos.action is not None and np.ndim(demos.action) != 2):
+    if np.ndim(demos.obs) != 2 or (demos.action is not None and np.ndim(demos.action) != 2):
         shapes = np.shape(demos.obs), None if demos.action is None else np.shape(demos.action)
         raise InputError(
             f"{where}: obs has shape {shapes[0]} and action {shapes[1]}; expected [steps, size] for both. "
             "eairl_jax.demonstrations.from_steps makes demonstrations of episodes [episodes, steps, size]"
         )
-    obs_size = obs_size or demos.obs.shape[1]
+    lengths = _checked_lengths(demos, where)
+    steps, obs_size = int(lengths.sum()), obs_size or demos.obs.shape[1]
     sizes = {"obs": (obs_size,), "next_obs": (obs_size,)}
     if demos.action is not None:
         sizes["action"] = (action_size or demos.action.shape[1],)

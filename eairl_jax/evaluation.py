@@ -7,7 +7,9 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
+from eairl_jax import arguments
 from eairl_jax.environment import check_steps
+from eairl_jax.errors import InputError
 from eairl_jax.rollout import action_limit
 from eairl_jax.types import Env, Key, Transition
 
@@ -32,8 +34,15 @@ def evaluate(
       dict of `obs`, `action` (unclipped), `next_obs`, `reward`, `terminated` and `valid`, each `[episodes,
       episode_length, ...]`. `valid` is 0 for the steps after the end of an episode; `reward` and `terminated` are 0
       there too. `demonstrations.from_steps` makes demonstrations of the valid steps.
+
+    Raises:
+      InputError: if the environment does not fit (`environment.check_steps`), if `key` is not one random key, if a
+        number is no whole number of at least 1, or if `act` is no function or gives actions of another shape.
     """
     check_steps(env)
+    key, episodes = arguments.one_key(key), arguments.count("episodes", episodes)
+    episode_length = arguments.count("episode_length", episode_length)
+    arguments.function("act", act, "act(obs [episodes, obs], key)")
     reset_key, key = jax.random.split(key)
     state = jax.vmap(env.reset)(jax.random.split(reset_key, episodes))
     limit = action_limit(env)
@@ -41,7 +50,8 @@ def evaluate(
     def step(carry, key_t):
         state, alive = carry
         obs = state.obs
-        action = act(obs, key_t)
+        action = jnp.asarray(act(obs, key_t))
+        _check_shape(action, (episodes, getattr(env, "action_size", None)))
         state = jax.vmap(env.step)(state, jnp.clip(action, -limit, limit))
         steps = {
             "obs": obs,
@@ -59,6 +69,14 @@ def evaluate(
     # A policy whose actions are NaN never ends an episode that asks `obs < bound`: its rewards are no score.
     is_number = jnp.isfinite(jnp.where(steps["valid"][..., None] > 0, steps["action"], 0.0)).all(axis=(1, 2))
     return jnp.where(is_number, steps["reward"].sum(axis=1), jnp.nan), steps
+
+
+def _check_shape(action: jax.Array, expected: tuple[int, int | None]) -> None:
+    """Raises `InputError` unless the actions are `[episodes, act]`; an `act` of None is any size."""
+    if action.ndim != 2 or action.shape[0] != expected[0] or expected[1] not in (None, action.shape[1]):
+        raise InputError(
+            f"act gives actions of shape {action.shape}: expected {expected}, one action for each of the episodes"
+        )
 
 
 def reward_per_step(reward: Callable[[Transition], jax.Array], steps: dict[str, jax.Array]) -> jax.Array:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
 from flax import struct
 
+from eairl_jax.config import refuse_unknown
 from eairl_jax.errors import InputError
+from eairl_jax.schema import shown
 
 # Name -> (smallest value, whether the smallest value itself is allowed, largest value). Other floats: 0 or more.
 RANGES: dict[str, tuple[float, bool, float]] = {
@@ -76,6 +80,24 @@ class HParams:
     phi_lr: float | jax.Array = 1e-3
     """Adam's learning rate of the empowerment Phi(s)."""
 
+    @staticmethod
+    def from_json(settings: Any, where: Path | str = "these settings") -> HParams:
+        """The floats that `dataclasses.asdict` and a JSON file have turned into a dict.
+
+        Args:
+          where: what to call the settings in an error message, for example their file.
+
+        Raises:
+          InputError: if a value is impossible, or if this version has no such setting.
+        """
+        refuse_unknown(settings, HParams, where)
+        hparams = HParams(**settings)
+        try:
+            check_hparams(hparams)
+        except InputError as e:
+            raise InputError(f"{where}: {e}") from None
+        return hparams
+
     def at(self, progress: jax.Array) -> HParams:
         """The settings at `progress` `[]` of the run, from 0 to 1: annealed rates have their present values.
 
@@ -99,19 +121,16 @@ def check_hparams(hparams: HParams) -> None:
     """Checks every value that is concrete; values inside a JAX transformation (tracers) are not checked.
 
     Raises:
-      InputError: if a value is NaN, infinite or negative, if `gamma` or `gae_lambda` is above 1, or if `kl_limit` or
-        a fraction of the std is 0.
+      InputError: if `hparams` are no `HParams`; if a value is NaN, infinite, negative or no number; if `gamma` or
+        `gae_lambda` is above 1, or if `kl_limit` or a fraction of the std is 0.
     """
+    if not isinstance(hparams, HParams):
+        raise InputError(f"hparams are {shown(hparams)}: expected HParams, for example HParams(gamma=0.99)")
     for field in dataclasses.fields(hparams):
         value = getattr(hparams, field.name)
         if isinstance(value, jax.core.Tracer):
             continue
-        try:
-            values = np.asarray(value, np.float64)
-        except (TypeError, ValueError):
-            raise InputError(
-                f"{field.name} = {value!r}: expected a number, or an array with one for each lane"
-            ) from None
+        values = _numbers(field.name, value)
         smallest, included, largest = RANGES.get(field.name, (0.0, True, np.inf))
         above = values >= smallest if included else values > smallest
         possible = np.isfinite(values) & above & (values <= largest)
@@ -122,3 +141,16 @@ def check_hparams(hparams: HParams) -> None:
             raise InputError(
                 f"{field.name} = {values[~possible].flat[0]:g}: expected a number {bounds}, for example {example}"
             )
+
+
+def _numbers(name: str, value: Any) -> np.ndarray:
+    """A number or an array `[lanes]` of numbers, in double precision."""
+    try:
+        values = np.asarray(value)
+        if values.dtype.kind in "iuf" and values.ndim <= 1 and values.size:
+            return values.astype(np.float64)
+        if isinstance(value, int) and not isinstance(value, bool):  # of more than 64 bits
+            return np.asarray(float(value))
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InputError(f"{name} = {shown(value)}: expected a number, or an array with one for each lane")

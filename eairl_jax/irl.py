@@ -13,6 +13,7 @@ from flax import struct
 
 from eairl_jax import (
     agent,
+    arguments,
     discriminator,
     discriminator_data,
     empowerment,
@@ -25,6 +26,7 @@ from eairl_jax import (
 )
 from eairl_jax.config import Config
 from eairl_jax.environment import check_env
+from eairl_jax.hparams import check_hparams
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.types import Algorithm, Demonstrations, Env, HParams, Key, PyTree
 
@@ -79,6 +81,8 @@ def make_irl(env: Env, config: Config) -> Algorithm:
     optimizer, limit = make_optimizer(env, config), rollout.action_limit(env)
 
     def init(key: Key, hparams: HParams) -> IRLState:
+        check_hparams(hparams)
+        key = arguments.one_key(key)
         key, agent_key, emp_key, d_key = jax.random.split(key, 4)
         emp = empowerment.init(emp_key, obs_size, action_size, config) if methods.uses_empowerment(config) else None
         return IRLState(

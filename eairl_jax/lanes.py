@@ -11,8 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from eairl_jax import arguments
 from eairl_jax.errors import Diverged, InputError
 from eairl_jax.hparams import check_hparams
+from eairl_jax.schema import shown
 from eairl_jax.types import Algorithm, HParams, Key, Metrics, PyTree
 from eairl_jax.xla import refuse_double_precision
 
@@ -20,7 +22,13 @@ LANES = "lanes"
 
 
 def scan(algorithm: Algorithm, state: PyTree, hparams: HParams, data: PyTree, length: int) -> tuple[PyTree, Metrics]:
-    """Runs `length` iterations of one lane; returns the state and metrics `[length]`."""
+    """Runs `length` iterations of one lane; returns the state and metrics `[length]`.
+
+    Raises:
+      InputError: if a value of `hparams` is impossible, or if `length` is no whole number of at least 1.
+    """
+    check_hparams(hparams)
+    length = arguments.count("length", length)
     return jax.lax.scan(lambda state, _: algorithm.step(state, hparams, data), state, length=length)
 
 
@@ -40,7 +48,8 @@ class Lanes:
       devices: the devices to use; by default, all devices of this process.
 
     Raises:
-      InputError: if `keys` are not one key for each lane, or if a value of `hparams` is impossible.
+      InputError: if `keys` are not one key for each lane, if a value of `hparams` is impossible, or if a leaf of
+        `hparams` or of `data` has another number of lanes.
     """
 
     def __init__(
@@ -54,8 +63,12 @@ class Lanes:
     ):
         refuse_double_precision()
         check_hparams(hparams)
+        _check_algorithm(algorithm)
         keys = raw_keys(keys)
         self.count = keys.shape[0]
+        _check_rows("hparams", jax.tree.map(lambda x: x if np.ndim(x) else [x] * self.count, hparams), self.count)
+        if data_per_lane:
+            _check_rows("data", data, self.count)
         devices = (devices or jax.devices())[: self.count]
         self._algorithm = algorithm
         self._rows = np.minimum(np.arange(-(-self.count // len(devices)) * len(devices)), self.count - 1)
@@ -91,6 +104,7 @@ class Lanes:
 
     def compile(self, state: PyTree, length: int) -> float:
         """Compiles `length` iterations; returns the seconds that this took (0 if they were compiled before)."""
+        length = arguments.count("length", length)
         if length in self._programs:
             return 0.0
         started = time.perf_counter()
@@ -147,12 +161,34 @@ def refuse_not_finite(metrics: dict[str, np.ndarray]) -> None:
             )
 
 
+def _check_algorithm(algorithm: Algorithm) -> None:
+    if not isinstance(algorithm, Algorithm):
+        raise InputError(
+            f"algorithm is {shown(algorithm)}: expected an Algorithm, for example make_irl(env, Config()) of eairl_jax"
+        )
+
+
+def _check_rows(name: str, tree: PyTree, count: int) -> None:
+    """Raises `InputError` unless every leaf has one row for each lane."""
+    for path, leaf in jax.tree_util.tree_flatten_with_path(tree, is_leaf=lambda x: isinstance(x, list))[0]:
+        if np.shape(leaf)[:1] != (count,):
+            raise InputError(
+                f"{name}{jax.tree_util.keystr(path)} has shape {np.shape(leaf)}: expected one row for each of the "
+                f"{count} lanes"
+            )
+
+
 def raw_keys(keys: Key) -> jax.Array:
     """Random keys as old-style keys `[lanes, key size]`; `keys` are `[lanes]` of `jax.random.key`, or old-style keys.
 
     Raises:
       InputError: if `keys` are not one key for each lane.
     """
+    if not hasattr(keys, "dtype") or not hasattr(keys, "shape"):
+        raise InputError(
+            f"keys are {shown(keys)}: expected one random key for each lane, for example "
+            "jax.random.split(jax.random.key(0), 5) for 5 lanes"
+        )
     if jnp.issubdtype(keys.dtype, jax.dtypes.prng_key):
         keys = jax.random.key_data(keys)
     one_key = jax.eval_shape(jax.random.PRNGKey, 0)

@@ -7,9 +7,10 @@ from collections.abc import Callable
 import jax
 from flax import struct
 
-from eairl_jax import agent, horizon
+from eairl_jax import agent, arguments, horizon
 from eairl_jax.config import Config
 from eairl_jax.environment import check_env
+from eairl_jax.hparams import check_hparams
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.types import Algorithm, Env, HParams, Key, PyTree, Transition, no_penalty
 
@@ -50,6 +51,8 @@ def make_rl(env: Env, config: Config, reward: Reward = true_reward) -> Algorithm
     optimizer = make_optimizer(env, config)
 
     def init(key: Key, hparams: HParams) -> RLState:
+        check_hparams(hparams)
+        key = arguments.one_key(key)
         key, agent_key = jax.random.split(key)
         return RLState(key, agent.init(agent_key, env, optimizer, hparams, config))
 

@@ -6,25 +6,36 @@ import errno
 import importlib
 import shlex
 import sys
+from typing import NoReturn
 
 import tyro
 
+from eairl_jax.errors import InputError
+from eairl_jax.experiments.command_line import normalised
 from eairl_jax.experiments.options import COMMANDS
+from eairl_jax.version import __version__
+
+DESCRIPTION = (
+    "Learn rewards from demonstrations, and use them elsewhere: EAIRL and its relatives in JAX. "
+    f"Version {__version__} (eairl --version)."
+)
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point of `eairl`. Bad input exits with code 2, a failed training with 1, an interruption with 130."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    options = tyro.extras.subcommand_cli_from_dict(
-        COMMANDS,
-        prog="eairl",
-        description="Learn rewards from demonstrations, and use them elsewhere: EAIRL and its relatives in JAX.",
-        args=arguments,
-    )
+    if arguments == ["--version"]:
+        print(f"eairl_jax {__version__}")
+        return
+    try:
+        each_once = normalised(arguments)
+    except InputError as e:
+        _exit(str(e), 2)
+    options = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="eairl", description=DESCRIPTION, args=each_once)
     from eairl_jax.xla import configure_jax, refuse_double_precision
 
     configure_jax()
-    from eairl_jax import Diverged, InputError
+    from eairl_jax import Diverged
     from eairl_jax.experiments.pipeline.interruption import STOPPED, Interrupted, exit_on_sigterm
 
     (name,) = (name for name, record in COMMANDS.items() if type(options) is record)
@@ -47,7 +58,7 @@ def main(arguments: list[str] | None = None) -> None:
         _exit(STOPPED, 130)
 
 
-def _exit(message: str, code: int) -> None:
+def _exit(message: str, code: int) -> NoReturn:
     from rich.console import Console
     from rich.markup import escape  # a path may hold brackets
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import jax
 
-from eairl_jax import Demonstrations, InputError, demonstrations, evaluate
+from eairl_jax import Demonstrations, demonstrations, evaluate
+from eairl_jax.arguments import count
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.console import console
 from eairl_jax.experiments.options import Collect
 from eairl_jax.experiments.pipeline.convert import convert, refuse_contradictions
-from eairl_jax.experiments.pipeline.experiment import DEMOS, SCORE_EPISODES, make_env, random_return
+from eairl_jax.experiments.pipeline.experiment import DEMOS, SCORE_EPISODES, checked_seeds, make_env, random_return
 from eairl_jax.experiments.pipeline.policies import Policies, best_expert
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
 from eairl_jax.experiments.pipeline.train import RUNS, final_returns
 
 DEMO_SEED = 30_000
+MOST_EPISODES = 100_000
 
 
 def run(options: Collect, command_line: str) -> None:
@@ -24,8 +26,8 @@ def run(options: Collect, command_line: str) -> None:
         convert(options, command_line)
         return
     task, episodes = options.task, options.episodes
-    if episodes < 1:
-        raise InputError(f"--episodes {episodes}: expected at least 1")
+    count("--episodes", episodes, 1, MOST_EPISODES)
+    checked_seeds(1, options.seed)
     env = make_env(task)
     expert = best_expert(options.expert or RUNS / f"expert-{file_name(task)}", task)
     path = demonstrations.npz_path(options.out or DEMOS / f"{file_name(task)}.npz")

@@ -7,6 +7,7 @@ import numpy as np
 from rich.table import Table
 
 from eairl_jax import InputError
+from eairl_jax.arguments import count
 from eairl_jax.envs import c_engine
 from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.display.console import console, say
@@ -18,12 +19,14 @@ from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
 from eairl_jax.experiments.pipeline.train import EVALUATE, final_returns, lane_keys
 from eairl_jax.storage import write_json
 
+MOST_EPISODES = 100_000
 ENGINES = {"c": "C engine", "exact": "C engine, exact"}
 
 
 def run(options: Evaluate, command_line: str) -> None:
     """Prints a line for each seed: the mean true return in each engine, and how far the engines are apart."""
     episodes, sampled = options.episodes, not options.mean_action
+    count("--episodes", episodes, 0, MOST_EPISODES)
     if episodes < 2:
         raise InputError(f"--episodes {episodes}: expected at least 2, for a standard error")
     trained = policies.load(options.run_folder)

@@ -13,7 +13,8 @@ from eairl_jax.experiments.display.console import Line, print_table, say
 from eairl_jax.experiments.display.plots import Curve, plot
 from eairl_jax.experiments.options import Expert
 from eairl_jax.experiments.paper import published
-from eairl_jax.experiments.pipeline.experiment import explain_defaults, make_env
+from eairl_jax.experiments.pipeline import records
+from eairl_jax.experiments.pipeline.experiment import checked_seeds, explain_defaults, make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.train import LEARN, RUNS, final_returns, lane_keys, train
 from eairl_jax.experiments.settings import TRIALS, Recipe, parse_overrides, recipe, refuse_unread
@@ -25,6 +26,7 @@ def run(options: Expert, command_line: str) -> None:
     env = make_env(task)
     if seeds < 1:
         raise InputError(f"--seeds {seeds}: expected at least 1")
+    checked_seeds(seeds)
     overrides = parse_overrides((f"optimizer={options.optimizer}", *options.set))
     training = recipe(task, env, "expert", overrides)
     refuse_unread([training.config], overrides, reinforcement=True)
@@ -41,7 +43,7 @@ def run(options: Expert, command_line: str) -> None:
     }
     explain_defaults(task)
     folder = RunFolder(options.out or RUNS / f"expert-{file_name(task)}", settings)
-    summary = folder.summary()
+    summary = folder.summary(records.EXPERT)
     if summary is None:
         summary = {"command_line": command_line, "task": task} | _train(folder, env, training, seeds)
         curve = Curve("true return", "", folder.curve("true_return", seeds), training.config.steps_per_iteration)

@@ -15,7 +15,7 @@ from eairl_jax.experiments.options import Imitate, Reproduce, Transfer
 from eairl_jax.experiments.paper import figures, plan, published, results, reward_distance
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, FIGURES, FIRST_SEED, Planned, retrain_variant
 from eairl_jax.experiments.pipeline import stages
-from eairl_jax.experiments.pipeline.diagnosis import FILE, diagnose, played
+from eairl_jax.experiments.pipeline.diagnosis import FILE, Diagnosis, diagnose, played
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations, transfers
 from eairl_jax.experiments.pipeline.run import Result, learning_folder
 from eairl_jax.experiments.pipeline.run import run as run_experiment
@@ -149,6 +149,8 @@ def train(experiment: Experiment, out: Path, command_line: str) -> Result:
         distances = reward_distance.of_transfer(learning_folder(experiment, out).path, path)
         # The diagnosis of an earlier call, until `diagnosed` makes a new one.
         diagnosis = read_json(path / FILE) if (path / FILE).exists() else None
+        if diagnosis is not None:
+            Diagnosis.from_json(diagnosis, path / FILE)  # refuses a damaged one
         result = dataclasses.replace(result, closeness=distances, diagnosis=diagnosis)
     returns = stages.kept_curves(folder, use.target, seeds)
     return dataclasses.replace(result, curve=thinned(returns, use.target.recipe.config.steps_per_iteration))

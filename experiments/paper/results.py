@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from pathlib import Path
 
 import filelock
 
-from eairl_jax import InputError
+from eairl_jax import InputError, schema
+from eairl_jax.experiments.pipeline import records
+from eairl_jax.experiments.pipeline.diagnosis import Diagnosis
 from eairl_jax.experiments.pipeline.run import Result
-from eairl_jax.storage import read_json, write_json
+from eairl_jax.storage import check, read_json, write_json
 
 _SHIPPED = Path(__file__).resolve().parents[1] / "results"
 FOLDER = _SHIPPED if _SHIPPED.is_dir() else Path("runs") / "results"
@@ -51,10 +54,28 @@ def load(path: Path) -> list[Result]:
     Raises:
       InputError: if the file holds no results, or a field of one is missing.
     """
-    contents = read_json(path).get("rows") if path.exists() else []
-    if not isinstance(contents, list):
-        raise InputError(f"{path} holds no results of `eairl reproduce`: give the folder that this command wrote")
-    return [Result.from_json(content, f"result {number} of {path}") for number, content in enumerate(contents)]
+    content = read_json(path) if path.exists() else {"rows": []}
+    advice = "give the folder that `eairl reproduce` wrote"
+    if not isinstance(content.get("rows"), list):
+        raise InputError(f"{path} holds no results of `eairl reproduce`: {advice}")
+    loaded = []
+    for number, row in enumerate(content["rows"]):
+        where = f"result {number} of {path}"
+        row = check(row, schema.table_of(schema.anything), where, advice)
+        loaded.append(Result.from_json(row, where))
+        check(row, _row(), where, advice)
+        if loaded[-1].diagnosis is not None:
+            Diagnosis.from_json(loaded[-1].diagnosis, where)  # refuses a damaged one
+    return loaded
+
+
+@functools.cache
+def _row() -> schema.Schema:
+    """What tables and the report read of a result, beside the types of its fields."""
+    counts = dict.fromkeys(("iterations", "num_envs", "rollout_length"), schema.whole(1))
+    floats = dict.fromkeys(("entropy_weight", "lambda_i"), schema.number())
+    settings = schema.record({"config": schema.record(counts), "hparams": schema.record(floats)})
+    return schema.record({"expert": schema.number(), "settings": settings, "machine": records.MACHINE})
 
 
 def add(path: Path, result: Result) -> None:

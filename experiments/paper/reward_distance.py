@@ -17,7 +17,16 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from eairl_jax import Config, Demonstrations, LearnedReward, demonstrations, load_reward, random_policy, reward_function
+from eairl_jax import (
+    Config,
+    Demonstrations,
+    LearnedReward,
+    demonstrations,
+    load_reward,
+    random_policy,
+    reward_function,
+    schema,
+)
 from eairl_jax.agent import clip_actions
 from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.pipeline import policies
@@ -38,6 +47,8 @@ TRANSITIONS = 512
 ACTIONS = 16
 """Actions sampled at each state to make a reward canonical."""
 GAMMA = 0.99
+MEASURES = schema.table_of(schema.list_of(schema.optional(schema.number())))
+"""Of the content of closeness.json: measures of each seed by name."""
 RewardOfState = Callable[[PyTree, jax.Array], jax.Array]
 """`(state of the environment, action [act]) -> reward []`."""
 
@@ -180,7 +191,8 @@ def of_transfer(learned: Path, used: Path) -> dict[str, dict[str, list]]:
         kept = worth(RunFolder(used, retrained.settings)).kept
         measured["target"]["worth, retrained"] = kept.tolist()
         write_json(path, measured)
-    return read_json(path)
+    expected = schema.table_of(MEASURES)
+    return read_json(path, expected, "remove the file, and the distances are measured again")
 
 
 def _expert(task: str) -> Demonstrations:

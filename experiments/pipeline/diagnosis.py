@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ import numpy as np
 from eairl_jax import InputError, evaluate, horizon, load_reward, plans
 from eairl_jax.agent import clip_actions
 from eairl_jax.envs.names import file_name
-from eairl_jax.experiments.pipeline import policies
+from eairl_jax.experiments.pipeline import policies, records
 from eairl_jax.experiments.pipeline.experiment import DEMOS, Reference, Target, measured
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import (
@@ -41,7 +41,7 @@ from eairl_jax.experiments.pipeline.train import DIAGNOSE, JUDGE, Start, final_r
 from eairl_jax.plans import Search
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.rollout import action_limit
-from eairl_jax.storage import read_json, write_json
+from eairl_jax.storage import check, read_json, write_json
 from eairl_jax.types import PyTree
 
 FOUND = 0.98
@@ -125,8 +125,16 @@ class Diagnosis:
         return {"behaviours": behaviours, **self.reference._asdict(), **derived}
 
     @classmethod
-    def from_json(cls, content: dict) -> Diagnosis:
-        """Reads what `to_json` gave."""
+    def from_json(cls, content: Any, where: Path | str = "the diagnosis") -> Diagnosis:
+        """Reads what `to_json` gave.
+
+        Args:
+          where: what to call the content in an error message.
+
+        Raises:
+          InputError: if it is damaged.
+        """
+        content = check(content, records.diagnosis(TRAINED, FROM_EXPERT, RANDOM), where, "repeat `eairl diagnose`")
         behaviours = {
             name: Behaviour(np.array(each["learned"]), np.array(each["true"]))
             for name, each in content["behaviours"].items()
@@ -201,7 +209,7 @@ def diagnose(path: Path, target: Target, others: Sequence[Played] = ()) -> Diagn
     trained, reward = policies.load(path), load_reward(path / "reward")
     labels = [{"seed": seed} for seed in trained.seeds]
     training = Training(target, reward, labels, DIAGNOSE)
-    scored = read_json(path / "summary.json")["returns"]
+    scored = read_json(path / "summary.json", records.CEILING, records.AGAIN)["returns"]
     random = random_steps(target.env, JUDGED_EPISODES)
     behaviours = {
         TRAINED: Behaviour(worth(RunFolder(path, trained.settings)).kept, np.array(scored)),

@@ -27,6 +27,7 @@ from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.console import say
 from eairl_jax.experiments.options import Bench, Imitate, Sweep, Transfer
+from eairl_jax.experiments.pipeline import records
 from eairl_jax.experiments.settings import (
     GROUPS,
     TRIALS,
@@ -38,11 +39,11 @@ from eairl_jax.experiments.settings import (
     refuse_unread,
 )
 from eairl_jax.methods import METHODS, STATE_ONLY_ADVICE, method_names, needs_expert_actions, with_method_defaults
+from eairl_jax.schema import LARGEST_SEED, shown
 
 SCORE_EPISODES = 500
 RANDOM_SEED = 20_000
 UNMEASURED = math.nan
-LARGEST_RETURN = 1e30  # no task pays more; JSON may hold numbers that no float holds
 DEMOS = Path("demos")
 """Where `eairl demos` writes, and where demonstrations of a task are sought that come with no package."""
 
@@ -465,6 +466,20 @@ def _seeds(options: Imitate | Transfer | Bench) -> range:
     count, first = getattr(options, "seeds", 5), getattr(options, "first_seed", 0)
     if count < 1 or first < 0:
         raise InputError(f"--seeds {count} --first-seed {first}: expected at least 1 seed, and no negative number")
+    return checked_seeds(count, first)
+
+
+def checked_seeds(count: int, first: int = 0) -> range:
+    """The numbers of seeds.
+
+    Raises:
+      InputError: if these are too many, or if one is so large that a smaller seed has the same random numbers.
+    """
+    if not (1 <= count <= records.MOST_SEEDS and 0 <= first <= LARGEST_SEED + 1 - count):
+        raise InputError(
+            f"{shown(count)} seeds from {shown(first)}: expected 1 to {records.MOST_SEEDS} seeds, each from 0 to "
+            f"{LARGEST_SEED}"
+        )
     return range(first, first + count)
 
 
@@ -573,10 +588,12 @@ def restored_target(settings: dict, path: Path) -> Target:
     """
     if "retrain_config" not in settings:
         raise InputError(f"{path} is no transfer: give a folder that `eairl transfer` made (transfer-...)")
-    target = make_target(settings["target"])
-    config, hparams = Config.from_json(settings["retrain_config"]), HParams(**settings["retrain_hparams"])
-    training = {name: settings[name] for name in RETRAINING if name in settings}
-    restored = Recipe(config, hparams, settings["retrain_snapshot_every"], **training)
+    names = ["target", "retrain_config", "retrain_hparams", "retrain_snapshot_every"]
+    task, config, hparams, every = records.needed(settings, names, path)
+    target = make_target(task)
+    config = Config.from_json(config, path / "config.json")
+    hparams = HParams.from_json(hparams, path / "config.json")
+    restored = Recipe(config, hparams, every, **{name: settings[name] for name in RETRAINING if name in settings})
     return dataclasses.replace(target, recipe=restored)
 
 
@@ -630,29 +647,16 @@ def _reference(task: str, path: Path, demos: Demonstrations) -> Reference:
 
     Else the expert's is that of the episodes, if they have rewards, and that of random actions is to be `measured`.
     """
-    provenance = demonstrations.provenance(path) if path.with_suffix(".json").exists() else {}
+    place = demonstrations.provenance_path(path)
+    provenance = demonstrations.provenance(path) if place.exists() else {}
     if provenance and provenance.get("task") != task:
-        raise InputError(
-            f"{path.with_suffix('.json')} describes {provenance.get('task')!r}, not {task!r}: give demonstrations "
-            f"of {task!r}"
-        )
+        raise InputError(f"{place} describes {provenance.get('task')!r}, not {task!r}: give demonstrations of {task!r}")
     returns = demonstrations.returns(demos)
     expert = None if returns is None else float(returns.mean())
     if "expert_return" in provenance:
-        expert = _score(path, provenance, "expert_return")
-    random = _score(path, provenance, "random_return") if "random_return" in provenance else UNMEASURED
+        expert = float(provenance["expert_return"])
+    random = float(provenance["random_return"]) if "random_return" in provenance else UNMEASURED
     return _told_apart(task, Reference(expert, random))
-
-
-def _score(path: Path, provenance: dict, name: str) -> float:
-    """A return in the JSON beside demonstrations."""
-    value = provenance[name]
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < LARGEST_RETURN:
-        raise InputError(
-            f"{path.with_suffix('.json')}: {name} is {value!r}, expected a number: correct the line, or remove "
-            "it, and the return is measured"
-        )
-    return float(value)
 
 
 def _told_apart(task: str, reference: Reference) -> Reference:

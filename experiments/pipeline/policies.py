@@ -11,11 +11,11 @@ import numpy as np
 
 from eairl_jax import Algorithm, Checkpoints, Config, HParams, InputError, Lanes, make_rl
 from eairl_jax.envs.mjx_task import Task
+from eairl_jax.experiments.pipeline import records
 from eairl_jax.experiments.pipeline.experiment import make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import best_restarts, last_tenth, make_algorithm
 from eairl_jax.experiments.pipeline.train import take_lanes
-from eairl_jax.storage import read_json
 from eairl_jax.types import PyTree
 
 
@@ -52,13 +52,10 @@ def load(path: Path) -> Policies:
     settings = finished_settings(path)
     is_transfer = "retrain_config" in settings
     prefix = "retrain_" if is_transfer else ""
-    try:
-        seeds, task = settings["seeds"], settings["target" if is_transfer else "task"]
-        config, hparams = Config.from_json(settings[f"{prefix}config"]), HParams(**settings[f"{prefix}hparams"])
-    except (KeyError, TypeError) as e:
-        raise InputError(
-            f"{path}/config.json was written by another version ({e}): repeat the command that made the run"
-        ) from None
+    names = ["seeds", "target" if is_transfer else "task", f"{prefix}config", f"{prefix}hparams"]
+    seeds, task, config, hparams = records.needed(settings, names, path)
+    config = Config.from_json(config, path / "config.json")
+    hparams = HParams.from_json(hparams, path / "config.json")
     seeds = list(range(seeds)) if isinstance(seeds, int) else seeds
     env = make_env(task)
     is_imitation = "demonstrations" in settings and not is_transfer
@@ -76,7 +73,7 @@ def finished_settings(path: Path) -> dict:
     """The settings of a finished run that trained policies."""
     if not (path / "config.json").is_file():
         raise InputError(f"{path} is no run's folder: give one that `eairl expert`, imitate or transfer made")
-    settings = read_json(path / "config.json").get("settings", {})
+    settings = records.settings(path)
     if not (path / "summary.json").is_file():
         raise InputError(f"{path} holds no finished run: repeat the command that began the run, and it goes on")
     if "sweep" in settings:

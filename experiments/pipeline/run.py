@@ -6,6 +6,7 @@ A `Result` is the record behind `summary.json`, and behind every line of a table
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from eairl_jax import InputError, LearnedReward, load_reward, save_reward, storage
+from eairl_jax import InputError, LearnedReward, load_reward, save_reward, schema, storage
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.plots import Curve, plot, plot_sweep
-from eairl_jax.experiments.pipeline import stages
+from eairl_jax.experiments.pipeline import records, stages
 from eairl_jax.experiments.pipeline.experiment import Experiment, Reference, Target, Use
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, machine, peak_memory_gb, settings_digest
 from eairl_jax.experiments.pipeline.train import final_returns
@@ -135,14 +136,36 @@ class Result:
           where: what to call the content in an error message.
 
         Raises:
-          InputError: if a field is missing.
+          InputError: if a field is missing, or has another type or length.
         """
-        fields = dataclasses.fields(cls)
+        fields, advice = dataclasses.fields(cls), "repeat the command that wrote it"
         needed = [f.name for f in fields if f.default is f.default_factory is dataclasses.MISSING]
         missing = [name for name in needed if name not in content]
         if missing:
-            raise InputError(f"{where} lacks {', '.join(missing)}: repeat the command that wrote it")
-        return cls(**{f.name: content[f.name] for f in fields if f.name in content})
+            raise InputError(f"{where} lacks {', '.join(missing)}: {advice}")
+        content = storage.check(content, schema.record({}, _result_fields()), where, advice)
+        result = cls(**{f.name: content[f.name] for f in fields if f.name in content})
+        expected = len(result.seeds) * max(1, len(result.points))
+        if not result.seeds or len(result.returns) != expected:
+            raise InputError(f"{where} holds {len(result.returns)} returns, expected {expected}: {advice}")
+        if result.expert is not None and result.expert == result.random:
+            raise InputError(f"{where}: expert and random actions have one return, {result.random:g}: {advice}")
+        return result
+
+
+@functools.cache
+def _result_fields() -> dict[str, schema.Schema]:
+    """The schema of each field of `Result` that may stand in a file."""
+    measures = schema.table_of(schema.list_of(schema.optional(schema.number())))
+    curve = {
+        "env_steps": schema.list_of(schema.whole(0)),
+        "true_return": schema.list_of(schema.list_of(schema.optional(schema.number()))),
+    }
+    return schema.of_fields(Result) | {
+        "seeds": schema.list_of(schema.whole(0, schema.LARGEST_SEED), low=1),
+        "closeness": schema.optional(schema.record({"source": measures, "target": measures})),
+        "curve": schema.optional(schema.record(curve)),
+    }
 
 
 def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
@@ -227,7 +250,7 @@ def learning_path(out: Path, task: str, learning_name: str, settings: dict) -> P
 
 def _learn_once(experiment: Experiment, learning: RunFolder) -> list[float]:
     """Learns the rewards, once; returns how well each seed's policy imitates in the source."""
-    summary = learning.summary()
+    summary = learning.summary(records.LEARNING)
     if summary is None:
         algorithm, state = stages.learn(learning, experiment)
         returns = final_returns(experiment.source.env, algorithm, state, experiment.seeds).mean(axis=1)

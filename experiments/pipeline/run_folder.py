@@ -22,9 +22,12 @@ import jax
 import numpy as np
 
 from eairl_jax import InputError
+from eairl_jax.experiments.pipeline import records
 from eairl_jax.experiments.settings import SETTINGS, TRIALS, Recipe
+from eairl_jax.schema import Schema
 from eairl_jax.storage import read_json, write_json
 
+SECONDS_ADVICE = "remove the file; its seconds are then not counted"
 MINIMUM_FREE_BYTES = 50_000_000
 BYTE_ORDER_MARK = "\ufeff"
 # Defaults that have changed. The folders of runs are named after the settings that differ from these values.
@@ -62,7 +65,7 @@ class RunFolder:
             )
         config = self.path / "config.json"
         if config.exists():
-            _refuse_different(self.path, read_json(config), settings)
+            _refuse_different(self.path, records.settings(self.path), settings)
         elif any(self.path.iterdir()):
             raise InputError(
                 f"{self.path} holds files but no config.json, so it is no run's folder: choose another with --out"
@@ -85,10 +88,14 @@ class RunFolder:
                 f"another process is training in {self.path}: wait for it, or choose another folder with --out"
             ) from None
 
-    def summary(self) -> dict | None:
-        """What the finished run wrote, or None if the run is not finished."""
+    def summary(self, expected: Schema | None = None) -> dict | None:
+        """What the finished run wrote, or None if the run is not finished.
+
+        Args:
+          expected: what the summary must look like.
+        """
         path = self.path / "summary.json"
-        return read_json(path) if path.exists() else None
+        return read_json(path, expected, records.AGAIN) if path.exists() else None
 
     def write_summary(self, summary: dict) -> None:
         """Marks the run as finished."""
@@ -98,16 +105,16 @@ class RunFolder:
         """Seconds of compiling and running so far, over all sessions of this run and of the phases in its folder."""
         total = {"compile_seconds": 0.0, "run_seconds": 0.0}
         for path in self.path.rglob("seconds.json"):
-            phase = read_json(path)
+            phase = read_json(path, records.SECONDS, SECONDS_ADVICE)
             total = {name: seconds + phase[name] for name, seconds in total.items()}
         return total
 
     def add_seconds(self, compile_seconds: float = 0.0, run_seconds: float = 0.0) -> None:
         """Adds to this folder's part of `seconds`."""
         path = self.path / "seconds.json"
-        before = read_json(path) if path.exists() else {"compile_seconds": 0.0, "run_seconds": 0.0}
         more = {"compile_seconds": compile_seconds, "run_seconds": run_seconds}
-        write_json(path, {name: seconds + more[name] for name, seconds in before.items()})
+        before = read_json(path, records.SECONDS, SECONDS_ADVICE) if path.exists() else dict.fromkeys(more, 0.0)
+        write_json(path, {name: before[name] + seconds for name, seconds in more.items()})
 
     # Metrics ---------------------------------------------------------------------------------------------------------
 
@@ -255,7 +262,7 @@ def peak_memory_gb() -> float:
 
 
 def _refuse_different(path: Path, content: dict, settings: dict) -> None:
-    before, now = _essential(content.get("settings", {})), _essential(settings)
+    before, now = _essential(content), _essential(settings)
     different = [name for name in sorted(before | now) if before.get(name) != now.get(name)]
     if different:
         defaults = {name: _default(name) for name in different}

@@ -38,6 +38,7 @@ from eairl_jax.agent import clip_actions
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import file_name
 from eairl_jax.evaluation import reward_per_step
+from eairl_jax.experiments.pipeline import records
 from eairl_jax.experiments.pipeline.experiment import RANDOM_SEED, Experiment, Rule, Target, Use, snapshot_iterations
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, settings_digest
 from eairl_jax.experiments.pipeline.train import (
@@ -450,7 +451,7 @@ def _judge(folder: RunFolder, training: Training, algorithm: Algorithm, state: P
     if target.demos is not None:
         compared[EXPERT] = rewards_of(training, expert_steps(training))
     if target.recipe.trials > target.recipe.random_trials:
-        compared[BEST_PLAN] = np.array(read_json(trials_folder(folder).path / PLANS)["learned_per_step"])
+        compared[BEST_PLAN] = np.array(read_json(trials_folder(folder).path / PLANS, records.PLANS)["learned_per_step"])
     content = {
         "policies": policies.reshape(restarts, -1).tolist(),
         "compared": {name: values.tolist() for name, values in compared.items()},
@@ -517,10 +518,11 @@ def worth(folder: RunFolder) -> Worth:
             f"{path} is missing, which says what the policies are worth to their reward: another version made this "
             "run; repeat the command that made the run, with another --out"
         )
-    content = read_json(path)
-    return Worth(
-        np.array(content["policies"]), {name: np.array(values) for name, values in content["compared"].items()}
-    )
+    content = read_json(path, records.WORTH, records.AGAIN)
+    policies, seeds = content["policies"], len(content["policies"][0])
+    if any(len(values) != seeds for values in (*policies, *content["compared"].values())):
+        raise InputError(f"{path} holds lists of different lengths, expected {seeds} seeds in each: {records.AGAIN}")
+    return Worth(np.array(policies), {name: np.array(values) for name, values in content["compared"].items()})
 
 
 def best_restarts(folder: RunFolder, restarts: int, seeds: int) -> np.ndarray:
@@ -551,7 +553,7 @@ def ceiling(target: Target, seeds: Sequence[int], out: Path) -> list[float]:
     target = target.with_config(horizon="default")
     settings = target.settings() | {"seeds": list(seeds), "reward": "true"}
     folder = RunFolder(out / f"ceiling-{file_name(target.task)}-{settings_digest(settings)}", settings)
-    summary = folder.summary()
+    summary = folder.summary(records.CEILING)
     if summary is None:
         returns = score(folder, f"ceiling: true reward in {target.task}", target, None, seeds).returns
         summary = {"returns": returns.tolist(), "mean": float(returns.mean()), **folder.seconds()}

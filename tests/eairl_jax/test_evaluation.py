@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from eairl_jax import Config, demonstrations, evaluate, evaluation, horizon, random_policy
+from eairl_jax import Config, InputError, demonstrations, evaluate, evaluation, horizon, random_policy
 
 
 @pytest.mark.parametrize(("ends_at", "counted"), [(None, 5), (3, 3)])
@@ -98,3 +98,40 @@ def test_a_policy_of_nan_has_no_score(toy):
     assert np.isnan(returns).all()
     returns, _ = evaluate(jax.random.PRNGKey(0), Pays(ends_at=2), act, 2, 5)
     np.testing.assert_array_equal(returns, [2, 2])  # it ended before
+
+
+def still(obs, key):
+    """An `act` that does nothing."""
+    return jnp.zeros((obs.shape[0], 2))
+
+
+REFUSED = {
+    "several keys": ((jax.random.split(jax.random.PRNGKey(0), 4), still, 2, 5), "expected one random key"),
+    "no key": ((0, still, 2, 5), "key is 0: expected one random key"),
+    "no function": ((jax.random.key(0), "still", 2, 5), "act is 'still': expected a function"),
+    "no episode": ((jax.random.key(0), still, 0, 5), "episodes = 0"),
+    "half an episode": ((jax.random.key(0), still, 2.5, 5), "episodes = 2.5"),
+    "no step": ((jax.random.key(0), still, 2, True), "episode_length = True"),
+    "one action for all": ((jax.random.key(0), lambda o, k: jnp.zeros(2), 2, 5), r"shape \(2,\): expected \(2, 2\)"),
+    "another size": ((jax.random.key(0), lambda o, k: jnp.zeros((2, 3)), 2, 5), r"shape \(2, 3\): expected \(2, 2\)"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), REFUSED.values(), ids=REFUSED)
+def test_arguments_that_do_not_fit_are_named(toy, arguments, message):
+    key, act, episodes, length = arguments
+    with pytest.raises(InputError, match=message):
+        evaluate(key, toy(), act, episodes, length)
+
+
+@pytest.mark.parametrize("key", [jax.random.key(1), np.asarray(jax.random.PRNGKey(1))], ids=["new-style", "NumPy"])
+def test_keys_and_numbers_of_any_kind_are_the_same(toy, key):
+    expected = evaluate(jax.random.PRNGKey(1), toy(), still, 2, 5)[1]["obs"]
+    np.testing.assert_array_equal(evaluate(key, toy(), still, np.int64(2), jnp.int32(5))[1]["obs"], expected)
+
+
+def test_an_environment_that_resets_itself_is_refused(toy):
+    wrapper = type("AutoResetWrapper", (), {"__module__": "brax.envs", "reset": None, "step": None})()
+    wrapper.env = toy()
+    with pytest.raises(InputError, match="AutoResetWrapper around Toy"):
+        evaluate(jax.random.key(0), wrapper, still, 2, 5)

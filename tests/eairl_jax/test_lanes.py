@@ -149,3 +149,38 @@ def test_a_user_can_hunt_a_nan(built, demos):
         with pytest.raises(FloatingPointError):
             jax.jit(algorithm.step)(state, HParams(policy_lr=np.nan), demos)
     assert all(np.isfinite(value) for name, value in metrics.items() if name != "true_return")
+
+
+REFUSED = {
+    "no algorithm": (lambda: Lanes("eairl", keys(2), HParams(), DATA), "algorithm is 'eairl': expected an Algorithm"),
+    "no keys": (lambda: Lanes(WALK, 3, HParams(), DATA), "keys are 3: expected one random key for each lane"),
+    "no hparams": (
+        lambda: Lanes(WALK, keys(2), {"gamma": 1}, DATA),
+        "hparams are an object with gamma: expected HParams",
+    ),
+    "another number of lanes": (
+        lambda: Lanes(WALK, keys(2), SWEEP, DATA),
+        r"hparams\.policy_lr has shape \(3,\): .* 2",
+    ),
+    "data of other lanes": (
+        lambda: Lanes(WALK, keys(2), HParams(), {"gain": np.ones(3)}, data_per_lane=True),
+        r"data\['gain'\] has shape \(3,\): expected one row for each of the 2 lanes",
+    ),
+    "no length": (
+        lambda: Lanes(WALK, keys(2), HParams(), DATA).run({}, 0),
+        "length = 0: expected a whole number from 1",
+    ),
+    "half a length": (lambda: scan(WALK, {}, HParams(), DATA, 1.5), "length = 1.5: expected a whole number"),
+    "scan": (lambda: scan(WALK, {}, HParams(gamma=2.0), DATA, 1), "gamma = 2"),
+}
+
+
+@pytest.mark.parametrize(("call", "message"), REFUSED.values(), ids=REFUSED)
+def test_arguments_that_do_not_fit_are_named(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+def test_a_length_may_be_a_number_of_any_library():
+    lanes = Lanes(WALK, keys(1), HParams(), DATA)
+    assert lanes.run(lanes.init(), np.int64(2))[1]["total"].shape[:2] == (1, 2)

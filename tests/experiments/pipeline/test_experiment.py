@@ -131,7 +131,7 @@ def copied(tmp_path, monkeypatch):
     "value", ["-100", None, float("nan"), float("inf"), True, [1.0], pytest.param(10**400, id="huge")]
 )
 def test_a_reference_that_is_no_number_is_refused_before_anything_is_computed(name, value, copied):
-    with pytest.raises(InputError, match=rf"mine.json: {name} is .*, expected a number"):
+    with pytest.raises(InputError, match=rf"mine.json.*{name} is .*: expected (a finite number|at most 64 bits)"):
         imitations(Imitate("pendulum", demos=copied({name: value})))
 
 
