@@ -6,13 +6,17 @@ STAMP = $(VENV)/.installed
 
 EXTRAS = minari,hf,hdf5
 
-.PHONY: help install demo test test-extras test-slow lint docs release bench data clean
+# The options of tests/mutants/run.py, for example MUTANTS="--shard 1/4".
+MUTANTS ?=
+
+.PHONY: help install demo test test-extras test-slow test-mutants lint docs release bench data clean
 
 help:
 	@echo "make demo       learn a reward in the left maze, use it in the right one (the main job)"
 	@echo "make test       the fast tests"
 	@echo "make test-extras  the tests of Minari, HuggingFace and HDF5, which it installs"
 	@echo "make test-slow  the tests that train to convergence"
+	@echo "make test-mutants  plants 60 bugs, each of which a test must catch"
 	@echo "make bench      what an iteration costs beside its simulation"
 	@echo "make data       train the experts and collect the shipped demonstrations anew"
 	@echo "make lint       ruff and pyright"
@@ -46,6 +50,10 @@ test-extras: $(STAMP)
 test-slow: $(STAMP)
 	@echo "== the tests that train to convergence"
 	@$(BIN)/python -m pytest -m slow
+
+test-mutants: $(STAMP)
+	@echo "== 60 bugs, planted one after another in a copy (half an hour; MUTANTS=\"--shard 1/4\" for a quarter)"
+	@$(BIN)/python tests/mutants/run.py $(MUTANTS)
 
 bench: $(STAMP)
 	@$(BIN)/eairl bench point_maze_left
