@@ -17,7 +17,7 @@ help:
 	@echo "make test       the fast tests"
 	@echo "make test-extras  the tests of Minari, HuggingFace and HDF5, which it installs"
 	@echo "make test-slow  the tests that train to convergence"
-	@echo "make test-mutants  plants 60 bugs, each of which a test must catch"
+	@echo "make test-mutants  plants bugs, each of which a test must catch"
 	@echo "make test-physics  takes 10 million random steps in each task"
 	@echo "make bench      what an iteration costs beside its simulation"
 	@echo "make data       train the experts and collect the shipped demonstrations anew"
@@ -54,7 +54,7 @@ test-slow: $(STAMP)
 	@$(BIN)/python -m pytest -m slow
 
 test-mutants: $(STAMP)
-	@echo "== 60 bugs, planted one after another in a copy (half an hour; MUTANTS=\"--shard 1/4\" for a quarter)"
+	@echo "== bugs, planted one after another in a copy (an hour on two cores; MUTANTS=\"--shard 1/4\" for a quarter)"
 	@$(BIN)/python tests/mutants/run.py $(MUTANTS)
 
 test-physics: $(STAMP)

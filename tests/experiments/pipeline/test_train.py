@@ -67,3 +67,10 @@ def test_a_disk_that_fails_is_reported_and_nothing_is_lost(tmp_path, tiny, monke
     (tmp_path / "file").write_text("")
     assert imitate(tmp_path / "file" / "run", tiny) == 2
     assert "cannot write" in capsys.readouterr().err
+
+
+def test_every_phase_and_every_seed_draws_other_random_numbers():
+    keys = [np.asarray(train.lane_keys(phase, seeds)) for phase in range(8) for seeds in ([0, 1, 2], [3])]
+    assert len(np.unique(np.concatenate(keys), axis=0)) == 8 * 4
+    # What the lanes beside a seed are does not matter.
+    np.testing.assert_array_equal(train.lane_keys(3, [7, 1])[1], train.lane_keys(3, [1])[0])
