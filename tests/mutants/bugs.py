@@ -165,7 +165,7 @@ LIBRARY = bugs_of(
         "trpo.py",
         "jnp.sqrt(2.0 * hparams.kl_limit / curvature)",
         "jnp.sqrt(hparams.kl_limit / curvature)",
-        "eairl_jax/test_trpo.py",
+        "eairl_jax/test_trpo.py::test_the_step_is_the_natural_gradient",
     ),
     (
         "log-prob-without-scale",
@@ -228,15 +228,14 @@ LIBRARY = bugs_of(
         "empowerment.py",
         "config.phi_sync_interval == 0",
         "config.phi_sync_interval != 0",
-        "eairl_jax/test_empowerment.py",
+        "eairl_jax/test_empowerment.py::test_the_slow_copy_follows_every_so_many_iterations",
     ),
     (
         "phi-of-the-old-inverse-model",
         "empowerment.py",
         "inverse.params, pi(x.obs), x, config, limit)",
         "state.inverse.params, pi(x.obs), x, config, limit)",
-        "eairl_jax/test_empowerment.py",
-        "eairl_jax/test_irl.py",
+        "eairl_jax/test_irl.py::test_the_discriminators_loss_by_hand_with_log_pi_of_the_current_policy",
     ),
     (
         "fast-phi-in-the-loss",
@@ -251,7 +250,7 @@ LIBRARY = bugs_of(
         "irl.py",
         "discriminator.policy_reward(d.params, samples",
         "discriminator.policy_reward(state.discriminator.params, samples",
-        "eairl_jax/test_irl.py",
+        "eairl_jax/test_irl.py::test_the_policys_reward_is_the_methods_by_the_networks_just_fitted",
     ),
     (
         "replay-of-one-iteration",
@@ -286,7 +285,7 @@ LIBRARY = bugs_of(
         "horizon.py",
         "has_ended & (t >= length - 1)",
         "has_ended & (t >= length)",
-        "eairl_jax/test_horizon.py",
+        "eairl_jax/test_horizon.py::test_absorbing_steps_of_the_expert_fill_the_time_limit",
     ),
     (
         "the-dead-are-paid",
@@ -300,7 +299,7 @@ LIBRARY = bugs_of(
         "horizon.py",
         "obs, weight=alive(obs, config))",
         "obs)",
-        "eairl_jax/test_horizon.py",
+        "eairl_jax/test_horizon.py::test_statistics_of_observations_leave_out_the_absorbing_state",
     ),
     (
         "plans-paid-after-their-end",
@@ -384,7 +383,7 @@ LIBRARY = bugs_of(
         "irl.py",
         "empowerment.sync(emp, acting.iteration, config)",
         "empowerment.sync(emp, state.agent.iteration, config)",
-        "eairl_jax/test_irl.py",
+        "eairl_jax/test_irl.py::test_the_slow_phi_is_copied_after_every_so_many_whole_iterations",
     ),
     (
         "anneals-across-resets",
@@ -399,15 +398,13 @@ LIBRARY = bugs_of(
         "rl.py",
         "raw.log_prob * horizon.alive(raw.obs, config)",
         "raw.log_prob",
-        "eairl_jax/test_rl.py",
-        "eairl_jax/test_horizon.py",
+        "eairl_jax/test_rl.py::test_the_temperature_has_no_effect_in_the_absorbing_state",
     ),
     (
         "log-pi-in-the-absorbing-state",
         "discriminator_data.py",
         "log_prob * horizon.alive(raw.obs, config)",
         "log_prob",
-        "eairl_jax/test_horizon.py",
         "eairl_jax/test_discriminator_data.py",
     ),
     (
@@ -575,14 +572,14 @@ PIPELINE = bugs_of(
         "train.py",
         "folder.keep_metrics((done - first) * len(labels))",
         "folder.keep_metrics(len(folder.metrics()))",
-        "experiments/pipeline/test_train.py",
+        "experiments/pipeline/test_train.py::test_a_killed_run_goes_on_bit_identically",
     ),
     (
         "nan-is-no-number-to-worry-about",
         "train.py",
         "~np.isfinite(values)",
         "np.isinf(values)",
-        "experiments/pipeline/test_train.py",
+        "experiments/pipeline/test_train.py::test_nan_stops_the_run_and_keeps_the_last_good_checkpoint",
     ),
     (
         "seeds-are-positions",
@@ -653,8 +650,7 @@ PIPELINE = bugs_of(
         "train.py",
         "jax.random.PRNGKey(phase)",
         "jax.random.PRNGKey(0 * phase)",
-        "experiments/pipeline/test_train.py",
-        "experiments/pipeline/test_stages.py",
+        "experiments/pipeline/test_train.py::test_every_phase_and_every_seed_draws_other_random_numbers",
     ),
     (
         "score-depends-on-the-lane",
