@@ -43,7 +43,7 @@ class Checkpoints:
 
     def save(self, iteration: int, state: PyTree) -> None:
         """Writes a state of arrays; returns when the state is on disk."""
-        self._manager.save(iteration, args=self._ocp.args.StandardSave(named_leaves(state)))
+        self._manager.save(iteration, args=self._ocp.args.StandardSave(_filled(named_leaves(state))))
         self._manager.wait_until_finished()
 
     def restore(self, iteration: int, like: PyTree) -> PyTree:
@@ -56,7 +56,8 @@ class Checkpoints:
         Raises:
           InputError: if the checkpoint has another structure or other shapes.
         """
-        template = named_leaves(like)
+        leaves = named_leaves(like)
+        template = _filled(leaves)
         expected = {name: leaf.shape for name, leaf in template.items()}
         on_disk = {name: tuple(leaf.shape) for name, leaf in self._manager.item_metadata(iteration).items()}
         for name in expected | on_disk:
@@ -67,4 +68,9 @@ class Checkpoints:
                     "run, or another folder"
                 )
         saved = self._manager.restore(iteration, args=self._ocp.args.StandardRestore(template))
-        return jax.tree.unflatten(jax.tree.structure(like), [np.asarray(saved[name]) for name in template])
+        return jax.tree.unflatten(jax.tree.structure(like), [np.asarray(leaf) for leaf in {**leaves, **saved}.values()])
+
+
+def _filled(leaves: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays that hold a number. Orbax saves no empty array, and states of MJX without contacts have some."""
+    return {name: leaf for name, leaf in leaves.items() if np.size(leaf)}

@@ -46,11 +46,12 @@ def evaluate(
             "obs": obs,
             "action": action,
             "next_obs": state.obs,
-            "reward": state.reward * alive,
-            "terminated": state.done * alive,
+            # Not a product: a simulation that goes on after the end may become NaN.
+            "reward": jnp.where(alive > 0, state.reward, 0.0),
+            "terminated": jnp.where(alive > 0, state.done, 0.0),
             "valid": alive,
         }
-        return (state, alive * (1.0 - state.done)), steps
+        return (state, jnp.where(alive > 0, 1.0 - state.done, 0.0)), steps
 
     _, steps = jax.lax.scan(step, (state, jnp.ones(episodes)), jax.random.split(key, episode_length))
     steps = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), steps)
@@ -66,7 +67,8 @@ def reward_per_step(reward: Callable[[Transition], jax.Array], steps: dict[str, 
     """
     zeros = jnp.zeros_like(steps["reward"])
     fields = {name: x for name, x in steps.items() if name != "valid"}
-    return (reward(Transition(**fields, log_prob=zeros, truncated=zeros)) * steps["valid"]).mean()
+    paid = reward(Transition(**fields, log_prob=zeros, truncated=zeros))
+    return jnp.where(jnp.asarray(steps["valid"]) > 0, paid, 0.0).mean()
 
 
 def random_policy(env: Env) -> Act:

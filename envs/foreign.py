@@ -28,6 +28,8 @@ EPISODE_LENGTH = 1000
 """Steps of an episode where an environment says nothing: brax's convention."""
 FLATTEN = "flatten"
 """`obs=flatten`: all entries of a dictionary, in the order of their sorted names."""
+LOADED = "eairl_jax_task_"
+"""How the names begin of modules that `registry` loads from a user's file."""
 NEEDED = ("reset", "step", "observation_size", "action_size")
 # Where an environment holds its MuJoCo model, and where its state holds the model's positions.
 MODELS = ("model", "mj_model", "sys.mj_model")
@@ -274,7 +276,8 @@ def _default_obs(env: Any, obs: Any) -> str | None:
 def _kind(thing: Any) -> str:
     """`package.Class` of an object, for a message."""
     cls = type(thing)
-    return f"{cls.__module__.partition('.')[0]}.{cls.__qualname__}"
+    package = cls.__module__.partition(".")[0]
+    return cls.__qualname__ if package.startswith(LOADED) else f"{package}.{cls.__qualname__}"
 
 
 def _at(thing: Any, path: str) -> Any:

@@ -186,7 +186,7 @@ def _call(shown: str, factory: Callable, arguments: dict[str, Any], accepted: li
             return factory(**arguments)
     except TaskError:
         raise
-    except Exception as e:  # whatever the environment raises
+    except (Exception, SystemExit) as e:  # whatever the environment raises
         shown_arguments = ", ".join(f"{key}={value!r}" for key, value in arguments.items())
         given = f" with {shown_arguments}" if arguments else ""
         raise TaskError(f"{shown} cannot be made{given}: {foreign.where(e)}") from e
@@ -198,7 +198,8 @@ def _parameters(factory: Callable) -> list[str] | None:
         parameters = inspect.signature(factory).parameters.values()
     except (TypeError, ValueError):  # some compiled functions do not say
         return None
-    if factory.__module__.partition(".")[0] != "brax" and any(p.kind is p.VAR_KEYWORD for p in parameters):
+    package = str(getattr(factory, "__module__", "")).partition(".")[0]
+    if package != "brax" and any(p.kind is p.VAR_KEYWORD for p in parameters):
         return None
     return [p.name for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
 
@@ -233,7 +234,7 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 def _load_module(place: str) -> ModuleType:
     try:
         return importlib.import_module(place)
-    except Exception as e:  # whatever the module raises
+    except (Exception, SystemExit) as e:  # whatever the module raises
         if isinstance(e, ModuleNotFoundError) and e.name and (place == e.name or place.startswith(f"{e.name}.")):
             raise UnknownTask(
                 f"{place}:...: no module {e.name} is installed; a file is named by its path, e.g. "
@@ -261,7 +262,7 @@ def _load_file(path: Path) -> ModuleType:
         )
     # Under a name of its own, which classes of the file need; a file is run again when it has changed.
     digest = hashlib.sha256(str(full).encode() + full.read_bytes()).hexdigest()[:12]
-    name = f"eairl_jax_task_{digest}"
+    name = f"{foreign.LOADED}{digest}"
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, full)
@@ -271,7 +272,7 @@ def _load_file(path: Path) -> ModuleType:
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as e:  # whatever the file raises
+    except (Exception, SystemExit) as e:  # whatever the file raises
         del sys.modules[name]
         raise TaskError(f"{path} cannot be loaded: {foreign.where(e)}") from e
     return module

@@ -10,6 +10,7 @@ import dataclasses
 import functools
 import itertools
 import math
+import shlex
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -41,6 +42,7 @@ from eairl_jax.methods import METHODS, STATE_ONLY_ADVICE, method_names, needs_ex
 SCORE_EPISODES = 500
 RANDOM_SEED = 20_000
 UNMEASURED = math.nan
+LARGEST_RETURN = 1e30  # no task pays more; JSON may hold numbers that no float holds
 DEMOS = Path("demos")
 """Where `eairl demos` writes, and where demonstrations of a task are sought that come with no package."""
 
@@ -49,6 +51,15 @@ BUDGET = frozenset({"iterations", "snapshot_every", "num_envs", "rollout_length"
 
 # The fields of a recipe that say which policies are trained on a reward.
 RETRAINING = ("restarts", *sorted(TRIALS))
+
+
+# What a user is told of the horizon where the task may end an episode.
+HORIZONS = {
+    "fixed": "While learning, its simulation then goes on until the time limit (--horizon fixed)",
+    "absorbing": "While learning, an absorbing state then follows until the time limit (--horizon absorbing)",
+    "variable": "WARNING: with --horizon variable the sign of the reward decides how long a policy wants to live, "
+    "whatever is demonstrated; compare with --horizon absorbing",
+}
 
 
 class Reference(NamedTuple):
@@ -418,6 +429,7 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
         check_demonstrations(source, each.config)
     is_changed, source = bool(set(overrides) - BUDGET), measured(source)
     explain_defaults(task)
+    explain_demonstrations(source, recipes)
     experiments = [Experiment(source, each, seeds, "tuned" if tuned else "", is_changed) for each in recipes]
     return list({experiment.name: experiment for experiment in experiments}.values())
 
@@ -484,9 +496,17 @@ def explain_defaults(task: str) -> None:
     """Says of a task without a recipe that it is trained with defaults."""
     if not has_recipe(task):
         say_once(
-            f"{task} has no recipe: it is trained with defaults for its episode length (`eairl settings '{task}'` "
-            "shows them, --set changes them)"
+            f"{task} has no recipe: it is trained with defaults for its episode length "
+            f"(`eairl settings {shlex.quote(task)}` shows them, --set changes them)"
         )
+
+
+def explain_demonstrations(source: Source, recipes: list[Recipe]) -> None:
+    """Says what learning does with episodes that end early, and what looks wrong in demonstrations and may be right."""
+    for kind in {each.config.horizon for each in recipes if each.config.horizon != "default"}:
+        say_once(f"{source.task} may end an episode early. {HORIZONS[kind]}")
+    for doubt in demonstrations.doubts(source.demos):
+        say_once(f"{source.demos_path}: {doubt}")
 
 
 def _source(task: str, env: Task, path: Path | None) -> Source:
@@ -501,6 +521,7 @@ def target_of(options: Transfer) -> Target:
     Raises:
       InputError: for a setting that retraining does not have.
     """
+    explain_defaults(options.target)
     return make_target(options.target, _retrain_settings(options), options.restarts)
 
 
@@ -533,7 +554,6 @@ def make_target(
             "--retrain-set actions: the reward fixes this setting; choose it while the reward is learned, with "
             "--set actions=..."
         )
-    explain_defaults(task)
     path = find_demonstrations(task) if has_expert else None
     if path is None:
         return Target(task, env, training, Reference(None, UNMEASURED))
@@ -579,8 +599,8 @@ def shipped_demonstrations(task: str) -> Path:
     path = Path(str(files("eairl_jax.experiments") / "data" / f"{file_name(task)}.npz"))
     if not path.exists():
         raise InputError(
-            f"no demonstrations of {task} come with the package: make some with `eairl expert '{task}'` and "
-            f"`eairl demos '{task}'`, or give some with --demos"
+            f"no demonstrations of {task} come with the package: make some with `eairl expert {shlex.quote(task)}` and "
+            f"`eairl demos {shlex.quote(task)}`, or give some with --demos"
         )
     return path
 
@@ -627,9 +647,9 @@ def _reference(task: str, path: Path, demos: Demonstrations) -> Reference:
 def _score(path: Path, provenance: dict, name: str) -> float:
     """A return in the JSON beside demonstrations."""
     value = provenance[name]
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < LARGEST_RETURN:
         raise InputError(
-            f"{path.with_suffix('.json')}: {name} is {value!r}, expected a finite number: correct the line, or remove "
+            f"{path.with_suffix('.json')}: {name} is {value!r}, expected a number: correct the line, or remove "
             "it, and the return is measured"
         )
     return float(value)

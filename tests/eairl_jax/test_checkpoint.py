@@ -15,7 +15,7 @@ TREE = {
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.int32, np.uint32, bool])
-@pytest.mark.parametrize("shape", [(), (3,), (2, 1, 4)])
+@pytest.mark.parametrize("shape", [(), (3,), (2, 1, 4), (0,), (2, 0)])
 def test_a_round_trip_is_bit_equal(tmp_path, equal_trees, dtype, shape):
     tree = TREE | {"leaf": (np.random.default_rng(0).normal(size=shape) * 99).astype(dtype)}
     Checkpoints(tmp_path).save(4, tree)

@@ -1,15 +1,19 @@
 """The command line: bad input is one clear message, and help is fast."""
 
+import json
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from eairl_jax.experiments.options import COMMANDS
-from eairl_jax.experiments.pipeline.experiment import shipped_demonstrations
+from eairl_jax.experiments.pipeline.experiment import make_env, shipped_demonstrations
 from eairl_jax.methods import method_names
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize("command", ["imitate", "transfer", "bench"])
@@ -65,6 +69,17 @@ REFUSED = {
         "with --set actions=",
     ),
     "no quick row": (["reproduce", "table1", "--quick", "--task", "pendulum"], "no quick experiment"),
+    "unknown environment of brax": (["imitate", "brax:hoper"], "did you mean brax:hopper"),
+    "unknown argument": (["expert", "brax:hopper?backen=mjx"], "did you mean backend"),
+    "no argument": (["expert", "pendulum?"], "expected name=value"),
+    "no file": (["expert", "my_tasks.py:make_env"], "no file my_tasks.py in"),
+    "no module": (["transfer", "pendulum", "nobodys_tasks:make_env"], "no module nobodys_tasks is installed"),
+    "no environment": (["expert", "json:JSONDecoder"], "json.JSONDecoder has no function reset, step"),
+    "Gymnasium": (["expert", "gymnasium:make?id=Pendulum-v1"], "which computes outside of JAX"),
+    "discrete actions": (["expert", "gymnasium:make?id=CartPole-v1"], "continuous actions only"),
+    "brax's wrappers": (["expert", "brax.envs:create?env_name=fast"], "use brax.envs.get_environment(...)"),
+    "a reset without steps": (["expert", "brax.envs:create?env_name=fast&batch_size=3"], "AutoResetWrapper around"),
+    "no demonstrations": (["imitate", "brax:fast"], "eairl demos brax:fast"),
     "missing demonstrations": (["imitate", "pendulum", "--demos", "nowhere.npz"], "does not exist"),
 }
 
@@ -125,3 +140,54 @@ def test_settings_explain_themselves(run, capsys):
         assert word in printed
     assert run("settings", "point_maze") == 2
     assert "did you mean" in capsys.readouterr().err
+
+
+def users_file(folder):
+    """`my_tasks.py` of docs/your-task.md, in a folder."""
+    page = (ROOT / "docs" / "your-task.md").read_text(encoding="utf-8")
+    source = re.search(r'```py title="my_tasks.py"\n(.*?)^```$', page, re.DOTALL | re.MULTILINE)[1]
+    (folder / "my_tasks.py").write_text(source)
+
+
+def test_the_environment_of_the_page_is_short(tmp_path):
+    users_file(tmp_path)
+    assert len((tmp_path / "my_tasks.py").read_text().splitlines()) <= 45
+
+
+def test_a_users_environment_goes_through_all_commands(tmp_path, monkeypatch, capsys, run, tiny, rl_settings):
+    monkeypatch.chdir(tmp_path)
+    make_env.cache_clear()
+    users_file(tmp_path)
+    task, heavier, short = "my_tasks.py:make_env", "my_tasks.py:make_env?gravity=20", "episode_length=20"
+    gail = [setting for setting in tiny if not setting.startswith("empowerment")]
+    learning = ["--set", *gail, short]
+    assert run("settings", task) == 0
+    assert run("imitate", task, *learning) == 2
+    assert "eairl demos my_tasks.py:make_env" in capsys.readouterr().err
+    assert run("expert", task, "--seeds", 1, "--set", *rl_settings, short) == 0
+    assert f"{task} has no recipe: it is trained with defaults" in capsys.readouterr().out
+    assert run("demos", task, "--episodes", 3) == 0
+    assert run("imitate", task, "--method", "gail", "--seeds", 1, *learning) == 0
+    assert f"demonstrations of {task}: demos/my_tasks-make_env.npz" in capsys.readouterr().out
+    assert run("sweep", task, "--method", "gail", "--seeds", 1, "--set", *gail, "gamma=0.9,0.99") == 0
+    transfer = ["transfer", task, heavier, "--method", "airl_s", "--seeds", 1, "--rule", "last", *learning]
+    assert run(*transfer, "--retrain-set", *rl_settings, short) == 0
+    printed = capsys.readouterr().out
+    assert f"no expert of {heavier} is known, so no score is normalised" in printed
+    (moved,) = (tmp_path / "runs").glob("transfer-my_tasks-make_env-to-my_tasks-make_env-gravity-20-*")
+    summary = json.loads((moved / "summary.json").read_text(), parse_constant=pytest.fail)
+    assert (summary["expert"], summary["normalized"], summary["target"]) == (None, None, heavier)
+    assert np.isfinite([summary["random"], *summary["returns"], *summary["ceiling"]]).all()
+    for folder in (tmp_path / "runs" / "imitate-my_tasks-make_env-gail-sa", moved):
+        assert run("evaluate", folder, "--episodes", 2) == 0
+        assert run("view", folder) == 0
+        assert (folder / "view" / "episode.html").exists()
+    assert run("evaluate", moved, "--engine", "c") == 2
+    assert "the C engine needs a task that derives from" in capsys.readouterr().err
+    assert run("diagnose", moved) == 2
+    assert "has no expert to compare with" in capsys.readouterr().err
+    assert run("bench", task, "--method", "gail", "--iterations", 1, "--set", *gail) == 0
+    (tmp_path / "my_tasks.py").unlink()
+    make_env.cache_clear()  # as in another process
+    assert run("evaluate", moved) == 2
+    assert "no file my_tasks.py in" in capsys.readouterr().err

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from eairl_jax.experiments.display import console as module
-from eairl_jax.experiments.display.console import Line, print_table
+from eairl_jax.experiments.display.console import Line, print_table, with_references
 
 LINES = [
     Line("expert", np.array([-4.98]), (-4.98, 0.29), 1.0),
@@ -30,6 +30,15 @@ def printed(monkeypatch):
         return stream.buffer.getvalue().decode(encoding)
 
     return on
+
+
+def test_without_an_expert_a_table_has_no_scores(printed):
+    without = with_references([Line("gail", np.array([3.0]))], None, 1.0)
+    assert [line.name for line in without] == ["gail", "random actions"]
+    assert "normalized" not in printed(100, lines=without)
+    whole = with_references([Line("gail", np.array([3.0]), None, 0.5)], 5.0, 1.0)
+    assert [(line.name, line.normalized) for line in whole] == [("expert", 1.0), ("gail", 0.5), ("random actions", 0.0)]
+    assert "normalized" in printed(100, lines=whole)
 
 
 def test_a_table_shows_means_the_papers_figures_and_every_seed(printed):

@@ -44,6 +44,14 @@ def test_what_is_written_is_read_again():
     assert result.identity == ("eairl-sa", "ant", "crippled_ant", "last")
 
 
+def test_without_an_expert_there_are_no_scores():
+    result = Result(**FIELDS | {"expert": None})
+    assert (result.mean, result.normalized, result.scores) == (20.0, None, None)
+    content = json.loads(json.dumps(result.to_json()), parse_constant=pytest.fail)
+    assert (content["expert"], content["normalized"]) == (None, None)
+    assert Result.from_json(content, "here") == result
+
+
 def test_a_missing_field_is_named():
     content = {name: value for name, value in FIELDS.items() if name not in ("expert", "seeds")}
     with pytest.raises(InputError, match="result 3 lacks seeds, expert: repeat"):
