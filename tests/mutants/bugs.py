@@ -325,7 +325,7 @@ LIBRARY = bugs_of(
     (
         "evaluation-pays-the-dead",
         "evaluation.py",
-        '"reward": state.reward * alive,',
+        '"reward": jnp.where(alive > 0, state.reward, 0.0),',
         '"reward": state.reward,',
         "eairl_jax/test_evaluation.py",
     ),
