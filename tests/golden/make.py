@@ -11,8 +11,6 @@ another form gets a new folder, and `test_golden.py` tests all folders. Where a 
 from __future__ import annotations
 
 import json
-import os
-import platform
 import runpy
 import shutil
 import sys
@@ -20,7 +18,7 @@ import tempfile
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-if __name__ == "__main__":  # XLA compiles with the flags of the tests, or the results would not be bit-equal
+if __name__ == "__main__":  # XLA compiles with the flags of the tests
     runpy.run_path(str(HERE.parent / "conftest.py"))
 
 import jax
@@ -61,17 +59,6 @@ SIZES = {
 }  # fmt: skip
 EVALUATED = 2
 """Episodes by which the golden run's policies are scored."""
-
-
-def compiler() -> dict:
-    """What decides the last bits of a result: XLA's version and flags, and the instructions of the processor."""
-    found = set()
-    if Path("/proc/cpuinfo").exists():
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        found = set(next((line.partition(":")[2] for line in lines if line.startswith("flags")), "").split())
-    vector = sorted(flag for flag in found if flag.startswith(("avx", "fma", "amx")))
-    flags = os.environ.get("XLA_FLAGS", "")
-    return {"jaxlib": jaxlib.__version__, "flags": flags, "machine": platform.machine(), "vector_instructions": vector}
 
 
 def experiment(demos: Path, recipe: Recipe) -> Experiment:
@@ -161,8 +148,8 @@ def main(name: str) -> None:
     make_rewards(folder / "rewards")
     make_demonstrations(folder / "demonstrations")
     make_runs(folder)
-    made = {"eairl_jax": __version__, "numpy": np.__version__, "jax": jax.__version__, "compiler": compiler()}
-    (folder / "made.json").write_text(json.dumps(made, indent=2) + "\n")
+    versions = {"eairl_jax": __version__, "numpy": np.__version__, "jax": jax.__version__, "jaxlib": jaxlib.__version__}
+    (folder / "made.json").write_text(json.dumps(versions, indent=2) + "\n")
 
 
 if __name__ == "__main__":
