@@ -686,8 +686,7 @@ PIPELINE = bugs_of(
         "experiment.py",
         'kind = "fixed"  # the',
         "kind = kind  # the",
-        "experiments/pipeline/test_experiment.py",
-        "experiments/pipeline/test_stages.py",
+        "experiments/pipeline/test_stages.py::test_policies_are_trained_with_the_horizon_that_the_reward_knows",
     ),
 )
 

@@ -27,6 +27,8 @@ ROOT = Path(__file__).resolve().parents[2]
 COPIED = ("eairl_jax", "envs", "experiments", "tests", "examples", "docs", "pyproject.toml", "README.md")
 SECONDS = 600
 """The tests of a bug that take longer are ended: the bug made an endless loop, which counts as caught."""
+ADDOPTS = "addopts=--import-mode=importlib"
+"""Instead of those in pyproject.toml, which print the slowest tests."""
 CAUGHT, SURVIVED, BROKEN = "caught", "SURVIVED", "BROKEN"
 
 
@@ -65,7 +67,7 @@ def run_tests(copy: Path, tests: Sequence[str], limit: float = SECONDS) -> tuple
     """`(pytest's exit code, what pytest printed)`; the exit code is 1 if the tests took longer than `limit` seconds."""
     # No byte code: a file that was changed twice in one second would be taken from its old byte code.
     environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
-    options = ["-x", "-q", "-n0", "-m", "not slow", "-p", "no:cacheprovider", "--durations=0", "--tb=line"]
+    options = ["-x", "-q", "-n0", "-m", "not slow", "-p", "no:cacheprovider", "-o", ADDOPTS, "--tb=line"]
     command = [sys.executable, "-m", "pytest", *options, *(f"tests/{test}" for test in tests)]
     try:
         done = subprocess.run(
