@@ -74,6 +74,54 @@ def test_an_action_of_another_shape_is_refused(shape):
         env.step(env.reset(jax.random.PRNGKey(0)), jnp.zeros(shape))
 
 
+@pytest.mark.parametrize("task", envs.TASKS)
+def test_extreme_actions_are_clipped_and_nan_is_reported(task, compiled_step):
+    """1e30, infinity and the bound are one action. A NaN in one entry makes everything NaN."""
+    step = compiled_step(task)
+    env = step.env
+    bound = np.full(env.action_size, env.action_limit)
+    with_nan = np.where(np.arange(env.action_size) == 0, np.nan, 0.0)
+    actions = np.array([bound, bound * 1e30, bound * np.inf, -bound, bound * -1e30, bound * -np.inf, with_nan])
+    start = env.reset(jax.random.PRNGKey(0)).pipeline_state
+    after = step(*(np.tile(x, (7, 1)) for x in jax.tree.leaves(start)), actions)
+    for leaf in jax.tree.leaves((after.pipeline_state, after.obs, after.reward)):
+        np.testing.assert_array_equal(leaf[1:3], leaf[:1].repeat(2, axis=0))
+        np.testing.assert_array_equal(leaf[4:6], leaf[3:4].repeat(2, axis=0))
+        assert np.isfinite(leaf[:6]).all()
+        assert np.isnan(leaf[6]).all()
+
+
+@pytest.mark.parametrize("task", envs.TASKS)
+def test_a_state_that_no_simulation_reaches_is_reported(task, compiled_step):
+    """A wild step never gives a finite observation or reward, and the next steps do not hide it."""
+    step = compiled_step(task)
+    start = jax.tree.leaves(step.env.reset(jax.random.PRNGKey(0)).pipeline_state)
+    wild = [(part, value) for part in range(3) for value in (1e12, -1e30, np.inf, np.nan)]
+    states = [np.tile(x, (len(wild), 1)) for x in start]
+    for row, (part, value) in enumerate(wild):
+        states[part][row, -1] = value
+    for _ in range(2):
+        after = step(*states, np.zeros((len(wild), step.env.action_size)))
+        assert np.isnan(after.obs).all()
+        assert np.isnan(after.reward).all()
+        states = jax.tree.leaves(after.pipeline_state)
+
+
+@pytest.mark.parametrize("task", envs.TASKS)
+def test_random_actions_keep_a_simulation_stable(task, compiled_step):
+    """`tests/physics/random_steps.py` takes ten million steps."""
+    step, rng = compiled_step(task), np.random.default_rng(0)
+    env, count = step.env, 50
+    physics = jax.vmap(env.reset)(jax.random.split(jax.random.PRNGKey(0), count)).pipeline_state
+    for _ in range(40):
+        actions = rng.uniform(-1, 1, (count, env.action_size)) * env.action_limit
+        actions[: count // 2] = np.sign(actions[: count // 2]) * env.action_limit
+        state = step(*jax.tree.leaves(physics), actions)
+        physics = state.pipeline_state
+        assert np.isfinite(state.obs).all()
+        assert np.isfinite(state.reward).all()
+
+
 def test_importing_the_tasks_prints_nothing():
     command = [sys.executable, "-c", "import eairl_jax.envs"]
     assert subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout == ""

@@ -121,3 +121,10 @@ def test_a_signal_ends_a_training_after_its_chunk(tmp_path, tiny, number):
     done = Checkpoints(checkpoints).latest()
     lines = (tmp_path / "run" / "metrics.csv").read_text().splitlines()
     assert len(lines) == 1 + done  # what the checkpoint claims is on disk, and nothing more
+
+
+def test_every_phase_and_every_seed_draws_other_random_numbers():
+    keys = [np.asarray(train.lane_keys(phase, seeds)) for phase in range(8) for seeds in ([0, 1, 2], [3])]
+    assert len(np.unique(np.concatenate(keys), axis=0)) == 8 * 4
+    # What the lanes beside a seed are does not matter.
+    np.testing.assert_array_equal(train.lane_keys(3, [7, 1])[1], train.lane_keys(3, [1])[0])
