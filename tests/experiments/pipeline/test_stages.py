@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 from flax import struct
 
-from eairl_jax import Algorithm, Config, Demonstrations, HParams, InputError, Lanes, LearnedReward, save_reward
+from eairl_jax import (
+    Algorithm,
+    Config,
+    Demonstrations,
+    HParams,
+    InputError,
+    Lanes,
+    LearnedReward,
+    RewardParams,
+    save_reward,
+)
 from eairl_jax.experiments.options import Transfer
 from eairl_jax.experiments.pipeline import run, stages
 from eairl_jax.experiments.pipeline.experiment import Reference, Rule, Target, Use, make_target, transfers
@@ -196,7 +206,7 @@ def point(monkeypatch):
     recipe = Recipe(config, HParams(policy_lr=1e-3, std_final_fraction=0.5), 2, **training)
     monkeypatch.setattr(stages, "reward_function", lambda _config: pays)
     monkeypatch.setattr(stages, "SEARCH", Search(plans=256, repeats=4, updates=200, batch=64, lr=1e-2))
-    params = np.zeros((2, 1), np.float32)
+    params = RewardParams(np.zeros((2, 1), np.float32), None)
     return Target("point", Point(), recipe, Reference(1.0, 0.0)), LearnedReward({}, Config(), params)
 
 

@@ -1,11 +1,5 @@
 """A training goes on where it was killed, and stops at a NaN."""
 
-import os
-import signal
-import subprocess
-import sys
-import time
-
 import numpy as np
 import pytest
 
@@ -92,35 +86,6 @@ def test_a_damaged_checkpoint_is_made_again(finished, tmp_path, tiny, capsys, im
     assert "the checkpoint of iteration 4 is damaged" in printed
     assert "going on from iteration 2" in printed
     assert {name: (finished / name).read_bytes() for name in wanted} == wanted
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_training_after_its_chunk(tmp_path, tiny, number):
-    """The chunk is saved, the message says how to go on, and the exit code is the signal's."""
-    command = [sys.executable, "-P", "-m", "eairl_jax.experiments.cli", "imitate", "pendulum", "--method", "bc"]
-    settings = [each for each in tiny if not each.startswith(("iterations", "history", "empowerment", "hidden"))]
-    long = ["--seeds", "1", "--out", str(tmp_path / "run"), "--set", *settings, "iterations=1000000"]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    process = subprocess.Popen([*command, *long], stderr=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
-    try:
-        checkpoints = tmp_path / "run" / "checkpoints"
-        deadline = time.monotonic() + 120
-        while not (checkpoints.is_dir() and any(path.name.isdigit() for path in checkpoints.iterdir())):
-            assert process.poll() is None, process.stderr.read()
-            assert time.monotonic() < deadline
-            time.sleep(0.1)
-        process.send_signal(number)
-        _, err = process.communicate(timeout=60)
-    finally:
-        process.kill()
-    assert process.returncode == 128 + number
-    message = " ".join(err.decode().split())
-    assert "stopping after this chunk is saved" in message
-    assert "goes on from its last checkpoint" in message
-    assert "Traceback" not in message
-    done = Checkpoints(checkpoints).latest()
-    lines = (tmp_path / "run" / "metrics.csv").read_text().splitlines()
-    assert len(lines) == 1 + done  # what the checkpoint claims is on disk, and nothing more
 
 
 def test_every_phase_and_every_seed_draws_other_random_numbers():
