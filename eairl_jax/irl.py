@@ -75,7 +75,6 @@ def make_irl(env: Env, config: Config) -> Algorithm:
     config = horizon.resolved(env, methods.with_method_defaults(config), horizon.of_learned_reward(env))
     horizon.warn_if_variable(env, config)
     env = horizon.learning_env(env, config)
-    discriminator_data.check_segments(config)
     discriminator_data.check_whole_trajectories(env, config)
     obs_size, action_size = normalize.flat_size(env), env.action_size
     optimizer, limit = make_optimizer(env, config), rollout.action_limit(env)

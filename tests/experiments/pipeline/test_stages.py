@@ -230,7 +230,7 @@ def test_policies_are_trained_with_the_horizon_that_the_reward_knows(point, lear
 
 def test_plans_stay_with_the_reward_that_chose_them(tmp_path, point, monkeypatch):
     target, reward = point
-    reward = LearnedReward({}, Config(), np.array([[5.0], [6.0]], np.float32))
+    reward = LearnedReward({}, Config(), RewardParams(np.array([[5.0], [6.0]], np.float32), None))
 
     def made_up(_env, _config, places, *_more):
         """Policies that remember the number of their plan and the reward that chose it."""
@@ -239,7 +239,8 @@ def test_plans_stay_with_the_reward_that_chose_them(tmp_path, point, monkeypatch
             return {"plan": jnp.arange(places), "reward": jnp.zeros(places)}
 
         def step(state, _hparams, params):
-            return state | {"reward": jnp.full(places, params[0])}, {"score": params[0]}
+            number = params.params[0]
+            return state | {"reward": jnp.full(places, number)}, {"score": number}
 
         return Algorithm(init, step, None)
 
