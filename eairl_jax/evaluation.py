@@ -27,7 +27,8 @@ def evaluate(
       episode_length: steps of each episode.
 
     Returns:
-      `(returns [episodes], steps)`. A return is the sum of the true rewards up to the end of the episode. `steps` is a
+      `(returns [episodes], steps)`. A return is the sum of the true rewards up to the end of the episode; it
+      is NaN if an action in it was not finite. `steps` is a
       dict of `obs`, `action` (unclipped), `next_obs`, `reward`, `terminated` and `valid`, each `[episodes,
       episode_length, ...]`. `valid` is 0 for the steps after the end of an episode; `reward` and `terminated` are 0
       there too. `demonstrations.from_steps` makes demonstrations of the valid steps.
@@ -55,7 +56,9 @@ def evaluate(
 
     _, steps = jax.lax.scan(step, (state, jnp.ones(episodes)), jax.random.split(key, episode_length))
     steps = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), steps)
-    return steps["reward"].sum(axis=1), steps
+    # A policy whose actions are NaN never ends an episode that asks `obs < bound`: its rewards are no score.
+    is_number = jnp.isfinite(jnp.where(steps["valid"][..., None] > 0, steps["action"], 0.0)).all(axis=(1, 2))
+    return jnp.where(is_number, steps["reward"].sum(axis=1), jnp.nan), steps
 
 
 def reward_per_step(reward: Callable[[Transition], jax.Array], steps: dict[str, jax.Array]) -> jax.Array:

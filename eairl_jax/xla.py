@@ -18,6 +18,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from eairl_jax.errors import InputError
+
 if TYPE_CHECKING:
     import jax
 
@@ -47,6 +49,17 @@ def configure_jax() -> None:
     for name, value in settings.items():
         if value is not None and name.upper() not in os.environ:
             jax.config.update(name, value)
+
+
+def refuse_double_precision() -> None:
+    """Raises `InputError` if JAX computes in float64, as `JAX_ENABLE_X64=1` asks: everything here is float32."""
+    import jax
+
+    if jax.config.jax_enable_x64:
+        raise InputError(
+            "JAX_ENABLE_X64 is on, and eairl_jax computes in float32 alone: unset the variable, or call "
+            'jax.config.update("jax_enable_x64", False)'
+        )
 
 
 def flag_names(flags: str) -> set[str]:

@@ -21,15 +21,17 @@ def main(arguments: list[str] | None = None) -> None:
         description="Learn rewards from demonstrations, and use them elsewhere: EAIRL and its relatives in JAX.",
         args=arguments,
     )
-    from eairl_jax.xla import configure_jax
+    from eairl_jax.xla import configure_jax, refuse_double_precision
 
     configure_jax()
-    from eairl_jax import InputError
-    from eairl_jax.experiments.pipeline.train import Diverged
+    from eairl_jax import Diverged, InputError
+    from eairl_jax.experiments.pipeline.interruption import STOPPED, Interrupted, exit_on_sigterm
 
     (name,) = (name for name, record in COMMANDS.items() if type(options) is record)
     command = importlib.import_module(f"eairl_jax.experiments.commands.{name}")
+    exit_on_sigterm()
     try:
+        refuse_double_precision()
         command.run(options, shlex.join(["eairl", *arguments]))
     except InputError as e:
         _exit(str(e), 2)
@@ -39,8 +41,10 @@ def main(arguments: list[str] | None = None) -> None:
         _exit(f"{e.strerror or e} ({e.filename or 'disk'}){advice}", 2)
     except Diverged as e:
         _exit(str(e), 1)
+    except Interrupted as e:
+        _exit(STOPPED, e.code)
     except KeyboardInterrupt:
-        _exit("stopped; a training goes on from its last checkpoint when its command is given again", 130)
+        _exit(STOPPED, 130)
 
 
 def _exit(message: str, code: int) -> None:

@@ -84,3 +84,17 @@ def test_an_absorbing_state_hides_a_simulation_after_the_end(toy):
         assert np.isfinite(state.obs).all()
         assert np.isfinite(state.reward)
     assert state.ended == 1
+
+
+def test_a_policy_of_nan_has_no_score(toy):
+    def act(obs, _key):
+        return jnp.where(obs[:, :1] >= 2, jnp.nan, jnp.zeros((obs.shape[0], 2)))
+
+    class Pays(type(toy())):
+        def step(self, state, action):
+            return super().step(state, action).replace(reward=jnp.ones(()))
+
+    returns, _ = evaluate(jax.random.PRNGKey(0), Pays(), act, 2, 5)
+    assert np.isnan(returns).all()
+    returns, _ = evaluate(jax.random.PRNGKey(0), Pays(ends_at=2), act, 2, 5)
+    np.testing.assert_array_equal(returns, [2, 2])  # it ended before

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
@@ -191,3 +192,12 @@ def test_a_users_environment_goes_through_all_commands(tmp_path, monkeypatch, ca
     make_env.cache_clear()  # as in another process
     assert run("evaluate", moved) == 2
     assert "no file my_tasks.py in" in capsys.readouterr().err
+
+
+def test_double_precision_is_refused_in_one_line(run, capsys):
+    jax.config.update("jax_enable_x64", True)
+    try:
+        assert run("imitate", "pendulum") == 2
+    finally:
+        jax.config.update("jax_enable_x64", False)
+    assert "eairl_jax computes in float32 alone" in capsys.readouterr().err

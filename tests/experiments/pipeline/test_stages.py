@@ -146,7 +146,7 @@ def test_a_saturated_discriminator_is_named(tmp_path, learned):
     accuracy = np.full((2, 4), 0.98)
     for iterations, names in ((0, []), (2, []), (3, ["seed 1"]), (4, ["seed 1"])):
         accuracy[1, :iterations] = 0.995
-        folder.keep_metrics(0)
+        folder.keep_metrics(0, [])
         folder.append_metrics(0, 1, [{"seed": 0}, {"seed": 1}], {"accuracy": accuracy})
         assert stages.saturated_lanes(folder, experiment) == names, iterations
 

@@ -1,9 +1,16 @@
 """A training goes on where it was killed, and stops at a NaN."""
 
-import numpy as np
+import os
+import signal
+import subprocess
+import sys
+import time
 
-from eairl_jax import Checkpoints, Lanes
-from eairl_jax.experiments.pipeline import train
+import numpy as np
+import pytest
+
+from eairl_jax import Checkpoints, InputError, Lanes, lanes
+from eairl_jax.experiments.pipeline import policies, train
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 
 
@@ -45,6 +52,7 @@ def test_nan_stops_the_run_and_keeps_the_last_good_checkpoint(tmp_path, tiny, mo
         if (tmp_path / "run" / "snapshots" / "000002").exists():
             metrics["value_loss"] = metrics["value_loss"].copy()
             metrics["value_loss"][1, 1] = np.nan
+        lanes.refuse_not_finite(metrics)
         return state, metrics
 
     monkeypatch.setattr(Lanes, "run", poisoned)
@@ -52,6 +60,7 @@ def test_nan_stops_the_run_and_keeps_the_last_good_checkpoint(tmp_path, tiny, mo
     message = capsys.readouterr().err
     assert "value_loss" in message
     assert "iteration 4" in message
+    assert "seed 1" in message
     assert Checkpoints(tmp_path / "run" / "checkpoints").latest() == 2
 
 
@@ -74,3 +83,48 @@ def test_every_phase_and_every_seed_draws_other_random_numbers():
     assert len(np.unique(np.concatenate(keys), axis=0)) == 8 * 4
     # What the lanes beside a seed are does not matter.
     np.testing.assert_array_equal(train.lane_keys(3, [7, 1])[1], train.lane_keys(3, [1])[0])
+
+
+def test_a_damaged_checkpoint_is_made_again(finished, tmp_path, tiny, capsys, imitate):
+    """The newest checkpoint of a run is damaged: the run goes on from the one before, to the same bits."""
+    wanted = {name: (finished / name).read_bytes() for name in ("metrics.csv", "reward/reward.npz")}
+    for path in (finished / "checkpoints" / "4").rglob("manifest.ocdbt"):
+        path.write_bytes(b"")
+    with pytest.raises(InputError, match=r"last checkpoint .* \(4\) is damaged"):
+        policies.load(finished)
+    (finished / "summary.json").unlink()
+    (finished / "reward" / "reward.npz").unlink()
+    assert imitate(finished, tiny) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "the checkpoint of iteration 4 is damaged" in printed
+    assert "going on from iteration 2" in printed
+    assert {name: (finished / name).read_bytes() for name in wanted} == wanted
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_training_after_its_chunk(tmp_path, tiny, number):
+    """The chunk is saved, the message says how to go on, and the exit code is the signal's."""
+    command = [sys.executable, "-P", "-m", "eairl_jax.experiments.cli", "imitate", "pendulum", "--method", "bc"]
+    settings = [each for each in tiny if not each.startswith(("iterations", "history", "empowerment", "hidden"))]
+    long = ["--seeds", "1", "--out", str(tmp_path / "run"), "--set", *settings, "iterations=1000000"]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    process = subprocess.Popen([*command, *long], stderr=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
+    try:
+        checkpoints = tmp_path / "run" / "checkpoints"
+        deadline = time.monotonic() + 120
+        while not (checkpoints.is_dir() and any(path.name.isdigit() for path in checkpoints.iterdir())):
+            assert process.poll() is None, process.stderr.read()
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        process.send_signal(number)
+        _, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 128 + number
+    message = " ".join(err.decode().split())
+    assert "stopping after this chunk is saved" in message
+    assert "goes on from its last checkpoint" in message
+    assert "Traceback" not in message
+    done = Checkpoints(checkpoints).latest()
+    lines = (tmp_path / "run" / "metrics.csv").read_text().splitlines()
+    assert len(lines) == 1 + done  # what the checkpoint claims is on disk, and nothing more
