@@ -332,7 +332,7 @@ LIBRARY = bugs_of(
     (
         "late-episodes-counted",
         "rollout.py",
-        "returns = jnp.where(steps > 0, jnp.nan, jnp.zeros(num_envs))",
+        "returns = jnp.where(steps > 0, UNKNOWN, jnp.zeros(num_envs))",
         "returns = jnp.zeros(num_envs)",
         "eairl_jax/test_rollout.py",
     ),
@@ -420,6 +420,22 @@ LIBRARY = bugs_of(
         "weight = jnp.maximum(1.0 / count, 1.0 - RETURN_VAR_DECAY)",
         "weight = 1.0 - RETURN_VAR_DECAY",
         "eairl_jax/test_actor_critic.py",
+    ),
+    (
+        "nan-is-no-number-to-worry-about",
+        "lanes.py",
+        'name == "true_return" else ~np.isfinite(values)',
+        'name == "true_return" else np.isinf(values)',
+        "eairl_jax/test_lanes.py",
+        "experiments/pipeline/test_train.py::test_nan_stops_the_run_and_keeps_the_last_good_checkpoint",
+    ),
+    (
+        "damaged-checkpoint-believed",
+        "checkpoint.py",
+        "return written == _digest(folder)",
+        "return bool(written)",
+        "eairl_jax/test_checkpoint.py",
+        "experiments/pipeline/test_train.py::test_a_damaged_checkpoint_is_made_again",
     ),
 )
 
@@ -570,16 +586,9 @@ PIPELINE = bugs_of(
     (
         "lost-chunk-kept-twice",
         "train.py",
-        "folder.keep_metrics((done - first) * len(labels))",
-        "folder.keep_metrics(len(folder.metrics()))",
+        "folder.keep_metrics((done - first) * len(labels), labels)",
+        "folder.keep_metrics(len(folder.metrics()), labels)",
         "experiments/pipeline/test_train.py::test_a_killed_run_goes_on_bit_identically",
-    ),
-    (
-        "nan-is-no-number-to-worry-about",
-        "train.py",
-        "~np.isfinite(values)",
-        "np.isinf(values)",
-        "experiments/pipeline/test_train.py::test_nan_stops_the_run_and_keeps_the_last_good_checkpoint",
     ),
     (
         "seeds-are-positions",
