@@ -76,15 +76,6 @@ class Physics:
     qacc_warmstart: jax.Array
 
 
-# MuJoCo's bound (1e10) on positions, velocities and accelerations. Beyond it a simulation has become unstable.
-MAX_VALUE: float = mujoco.mjMAXVAL
-
-
-def is_stable(physics: Physics) -> jax.Array:
-    """Whether `[]` all numbers of a physics state are within `MAX_VALUE`; NaN is not."""
-    return jnp.stack([jnp.all(jnp.abs(x) <= MAX_VALUE) for x in jax.tree.leaves(physics)]).all()
-
-
 class Task(Env):
     """What the commands ask of an environment, beside `reset`, `step`, `observation_size` and `action_size`.
 
@@ -190,8 +181,7 @@ class MjxTask(Task):
     def step(self, state: State, action: jax.Array) -> State:
         """Clips the action `[act]`, advances `frame_skip` physics steps and computes the reward.
 
-        Infinite actions are clipped like all others. A NaN in the action makes observation and reward NaN until the
-        next reset. So does a state beyond `MAX_VALUE`, before or after the step: an unstable simulation is no result.
+        A NaN in the action makes observation and reward NaN until the next reset.
 
         Raises:
           TaskError: if the shape of the action is not `[act]`.
@@ -211,10 +201,8 @@ class MjxTask(Task):
         after, _ = jax.lax.scan(
             lambda physics, _: (self.substep(physics, action), None), before, length=self.frame_skip
         )
-        result = after, self.observe(after), self.reward(before, action, after)
-        stable = is_stable(before) & is_stable(after)
-        after, obs, reward = jax.tree.map(lambda x: jnp.where(stable, x, jnp.nan), result)
-        return dataclasses.replace(state, pipeline_state=after, obs=obs, reward=reward)
+        reward = self.reward(before, action, after)
+        return dataclasses.replace(state, pipeline_state=after, obs=self.observe(after), reward=reward)
 
     def qpos(self, state: Any) -> jax.Array:
         return state.pipeline_state.qpos

@@ -5,7 +5,7 @@
 
 The environments begin whole episodes again and again. A third of them draw each action uniformly. A third draw each
 entry of an action as one of its two bounds, and a third hold such an action for 25 steps, which moves a body most.
-A NaN, an infinity, or a state beyond MuJoCo's bounds (`mjx_task.MAX_VALUE`) makes the exit code 1.
+A NaN, an infinity, or a state beyond MuJoCo's bounds (1e10) makes the exit code 1.
 """
 
 # ruff: noqa: E402
