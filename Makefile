@@ -6,13 +6,19 @@ STAMP = $(VENV)/.installed
 
 EXTRAS = minari,hf,hdf5
 
-.PHONY: help install demo test test-extras test-slow lint docs release bench data clean
+# Options of tests/mutants/run.py and tests/physics/random_steps.py, e.g. MUTANTS="--shard 1/4" PHYSICS="--task ant".
+MUTANTS ?=
+PHYSICS ?=
+
+.PHONY: help install demo test test-extras test-slow test-mutants test-physics lint docs release bench data clean
 
 help:
 	@echo "make demo       learn a reward in the left maze, use it in the right one (the main job)"
 	@echo "make test       the fast tests"
 	@echo "make test-extras  the tests of Minari, HuggingFace and HDF5, which it installs"
 	@echo "make test-slow  the tests that train to convergence"
+	@echo "make test-mutants  plants bugs, each of which a test must catch"
+	@echo "make test-physics  takes 10 million random steps in each task"
 	@echo "make bench      what an iteration costs beside its simulation"
 	@echo "make data       train the experts and collect the shipped demonstrations anew"
 	@echo "make lint       ruff and pyright"
@@ -46,6 +52,13 @@ test-extras: $(STAMP)
 test-slow: $(STAMP)
 	@echo "== the tests that train to convergence"
 	@$(BIN)/python -m pytest -m slow
+
+test-mutants: $(STAMP)
+	@echo "== bugs, planted one after another in a copy (an hour on two cores; MUTANTS=\"--shard 1/4\" for a quarter)"
+	@$(BIN)/python tests/mutants/run.py $(MUTANTS)
+
+test-physics: $(STAMP)
+	@$(BIN)/python tests/physics/random_steps.py $(PHYSICS)
 
 bench: $(STAMP)
 	@$(BIN)/eairl bench point_maze_left

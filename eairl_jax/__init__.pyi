@@ -4,6 +4,7 @@ from .bc import make_bc as make_bc
 from .checkpoint import Checkpoints as Checkpoints
 from .config import Config as Config
 from .episodes import from_episodes as from_episodes
+from .errors import Diverged as Diverged
 from .errors import InputError as InputError
 from .evaluation import evaluate as evaluate
 from .evaluation import random_policy as random_policy

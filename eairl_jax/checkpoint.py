@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
+import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -13,12 +17,28 @@ from eairl_jax.storage import named_leaves
 from eairl_jax.types import PyTree
 
 KEPT = 2  # the newest checkpoint, and the one before it
+DIGEST = "sha256.txt"  # in the folder of a checkpoint: the digest of all other files in it
+
+
+class Restored(NamedTuple):
+    """The newest checkpoint that can be read.
+
+    Attributes:
+      iteration: of the checkpoint; None if there is none.
+      state: NumPy arrays, as they were saved; None if there is none.
+      damaged: iterations of newer checkpoints that are damaged. Their folders are removed.
+    """
+
+    iteration: int | None
+    state: PyTree | None
+    damaged: list[int]
 
 
 class Checkpoints:
     """The newest states of a run, one folder for each.
 
-    A checkpoint gets its name only when it is complete. Incomplete checkpoints of killed processes are deleted.
+    A checkpoint gets its name only when it is complete. Incomplete checkpoints of killed processes are deleted. Each
+    checkpoint has a digest of its files, so that damage is found before anything is believed.
 
     Args:
       directory: the folder of the checkpoints; it is created.
@@ -28,9 +48,13 @@ class Checkpoints:
         import orbax.checkpoint as ocp  # takes a third of a second, which only training has to spend
 
         logging.getLogger("absl").setLevel(logging.ERROR)
-        self._ocp = ocp
+        self._ocp, self._directory = ocp, Path(directory).resolve()
+        self._open()
+
+    def _open(self) -> None:
+        ocp = self._ocp
         self._manager = ocp.CheckpointManager(
-            Path(directory).resolve(),
+            self._directory,
             item_handlers=ocp.StandardCheckpointHandler(),  # needed to read the shapes on disk before the arrays
             options=ocp.CheckpointManagerOptions(
                 max_to_keep=KEPT, enable_async_checkpointing=False, cleanup_tmp_directories=True
@@ -45,6 +69,46 @@ class Checkpoints:
         """Writes a state of arrays; returns when the state is on disk."""
         self._manager.save(iteration, args=self._ocp.args.StandardSave(_filled(named_leaves(state))))
         self._manager.wait_until_finished()
+        folder = self._directory / str(iteration)
+        unfinished = folder / f"{DIGEST}.part"
+        unfinished.write_text(_digest(folder), encoding="ascii")
+        unfinished.replace(folder / DIGEST)
+
+    def is_intact(self, iteration: int) -> bool:
+        """Whether the files of a checkpoint are those that were written (earlier versions wrote no digest)."""
+        folder = self._directory / str(iteration)
+        try:
+            written = (folder / DIGEST).read_text(encoding="ascii")
+        except FileNotFoundError:
+            return folder.is_dir()
+        except (OSError, UnicodeDecodeError):
+            return False
+        return written == _digest(folder)
+
+    def restore_newest(self, like: Callable[[], PyTree]) -> Restored:
+        """Reads the newest checkpoint that is not damaged. Damaged ones are removed, so that they can be made again.
+
+        Args:
+          like: makes a state of the same structure and shapes.
+
+        Raises:
+          InputError: if the newest intact checkpoint has another structure or other shapes.
+        """
+        damaged: list[int] = []
+        for iteration in sorted(self._manager.all_steps(), reverse=True):
+            if self.is_intact(iteration):
+                try:
+                    return Restored(iteration, self.restore(iteration, like()), damaged)
+                except InputError:
+                    raise
+                except Exception as e:  # orbax and tensorstore raise a dozen different exceptions for damaged files
+                    if (self._directory / str(iteration) / DIGEST).exists():
+                        raise InputError(f"checkpoint {iteration} in {self._directory} cannot be read ({e})") from e
+            damaged.append(iteration)
+            shutil.rmtree(self._directory / str(iteration), ignore_errors=True)
+            self._manager.close()
+            self._open()
+        return Restored(None, None, damaged)
 
     def restore(self, iteration: int, like: PyTree) -> PyTree:
         """Reads a state as NumPy arrays, bit for bit as it was saved.
@@ -68,9 +132,16 @@ class Checkpoints:
                     "run, or another folder"
                 )
         saved = self._manager.restore(iteration, args=self._ocp.args.StandardRestore(template))
-        return jax.tree.unflatten(
-            jax.tree.structure(like), [np.asarray(saved.get(name, leaves[name])) for name in leaves]
-        )
+        return jax.tree.unflatten(jax.tree.structure(like), [np.asarray(leaf) for leaf in {**leaves, **saved}.values()])
+
+
+def _digest(folder: Path) -> str:
+    """SHA-256 over the names and contents of all files in a folder, without its `DIGEST`."""
+    total = hashlib.sha256()
+    for path in sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(DIGEST)):
+        content = path.read_bytes()
+        total.update(f"{path.relative_to(folder).as_posix()} {len(content)} ".encode() + content)
+    return total.hexdigest()
 
 
 def _filled(leaves: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

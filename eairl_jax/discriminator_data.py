@@ -20,8 +20,10 @@ def check_whole_trajectories(env: Env, config: Config) -> None:
     """Checks that every trajectory is an episode of full length if the method discriminates trajectories.
 
     Raises:
-      InputError: if episodes of the environment, as learning treats them, may end early.
+      InputError: if episodes of the environment, as learning treats them, may end early, or if a rollout does not
+        consist of whole episodes.
     """
+    check_segments(config)
     if config.discriminates == "trajectories" and horizon.can_end(env):
         raise InputError(
             f"{config.method} discriminates whole trajectories of {config.episode_length} steps, and with horizon "

@@ -29,7 +29,8 @@ def evaluate(
       episode_length: steps of each episode.
 
     Returns:
-      `(returns [episodes], steps)`. A return is the sum of the true rewards up to the end of the episode. `steps` is a
+      `(returns [episodes], steps)`. A return is the sum of the true rewards up to the end of the episode; it
+      is NaN if an action in it was not finite. `steps` is a
       dict of `obs`, `action` (unclipped), `next_obs`, `reward`, `terminated` and `valid`, each `[episodes,
       episode_length, ...]`. `valid` is 0 for the steps after the end of an episode; `reward` and `terminated` are 0
       there too. `demonstrations.from_steps` makes demonstrations of the valid steps.
@@ -56,15 +57,18 @@ def evaluate(
             "obs": obs,
             "action": action,
             "next_obs": state.obs,
-            "reward": state.reward * alive,
-            "terminated": state.done * alive,
+            # Not a product: a simulation that goes on after the end may become NaN.
+            "reward": jnp.where(alive > 0, state.reward, 0.0),
+            "terminated": jnp.where(alive > 0, state.done, 0.0),
             "valid": alive,
         }
-        return (state, alive * (1.0 - state.done)), steps
+        return (state, jnp.where(alive > 0, 1.0 - state.done, 0.0)), steps
 
     _, steps = jax.lax.scan(step, (state, jnp.ones(episodes)), jax.random.split(key, episode_length))
     steps = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), steps)
-    return steps["reward"].sum(axis=1), steps
+    # A policy whose actions are NaN never ends an episode that asks `obs < bound`: its rewards are no score.
+    is_number = jnp.isfinite(jnp.where(steps["valid"][..., None] > 0, steps["action"], 0.0)).all(axis=(1, 2))
+    return jnp.where(is_number, steps["reward"].sum(axis=1), jnp.nan), steps
 
 
 def _check_shape(action: jax.Array, expected: tuple[int, int | None]) -> None:
@@ -84,7 +88,8 @@ def reward_per_step(reward: Callable[[Transition], jax.Array], steps: dict[str, 
     """
     zeros = jnp.zeros_like(steps["reward"])
     fields = {name: x for name, x in steps.items() if name != "valid"}
-    return (reward(Transition(**fields, log_prob=zeros, truncated=zeros)) * steps["valid"]).mean()
+    paid = reward(Transition(**fields, log_prob=zeros, truncated=zeros))
+    return jnp.where(jnp.asarray(steps["valid"]) > 0, paid, 0.0).mean()
 
 
 def random_policy(env: Env) -> Act:

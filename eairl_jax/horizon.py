@@ -64,12 +64,17 @@ def resolved(env: Env, config: Config, default: str) -> Config:
     return dataclasses.replace(config, episode_length=int(length), horizon=horizon)
 
 
+class HorizonWarning(UserWarning):
+    """A learned reward decides how long a policy wants to live."""
+
+
 def warn_if_variable(env: Env, config: Config) -> None:
-    """Warns, from Python, of an adversarial method on a task whose episodes end early and are left as they are."""
+    """Warns of an adversarial method on a task whose episodes end early and are left as they are."""
     if config.horizon == "variable" and can_end(env):
         warnings.warn(
             'horizon="variable": where episodes end early, the sign of the learned reward decides how long a policy '
             'wants to live; compare with Config(horizon="absorbing")',
+            HorizonWarning,
             stacklevel=3,
         )
 
@@ -121,7 +126,7 @@ class FixedHorizon:
     def step(self, state: HorizonState, action: jax.Array) -> HorizonState:
         inner = self._env.step(state.inner, action)
         reward = jnp.where(state.ended > 0, 0.0, inner.reward)
-        return self._state(inner, reward, jnp.maximum(state.ended, inner.done.astype(jnp.float32)))
+        return self._state(inner, reward, jnp.where(state.ended > 0, 1.0, inner.done.astype(jnp.float32)))
 
     def _state(self, inner: Any, reward: jax.Array, ended: jax.Array) -> HorizonState:
         obs = absorb(inner.obs, ended) if self._absorbing else inner.obs
@@ -254,9 +259,10 @@ def check_demonstrations(env: Env, demos: Demonstrations, config: Config, where:
         they end in a task that never ends an episode.
     """
     lengths, limit = demos.lengths, config.episode_length
-    if lengths.max() > limit:
+    longest = max(limit, getattr(env, "episode_length", 0))  # a user may learn from shorter episodes
+    if lengths.max() > longest:
         raise InputError(
-            f"{where} holds an episode of {lengths.max()} steps, and the time limit is {limit} steps: give the time "
+            f"{where} holds an episode of {lengths.max()} steps, and the time limit is {longest} steps: give the time "
             "limit of the demonstrated task, or other demonstrations"
         )
     if not can_end(env):

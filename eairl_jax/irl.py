@@ -68,14 +68,13 @@ def make_irl(env: Env, config: Config) -> Algorithm:
     """Builds the adversarial method that `config.method` names; the `data` of its `step` is `Demonstrations`.
 
     Raises:
-      InputError: if the method is unknown, if the environment's observations are not flat vectors, if there is no time
-        limit, or if the method discriminates whole trajectories and a rollout does not consist of whole episodes.
+      InputError: if the method is unknown, if the environment does not fit (`environment.check_env`), or if the method
+        discriminates whole trajectories and a rollout does not consist of whole episodes.
     """
     check_env(env)
     config = horizon.resolved(env, methods.with_method_defaults(config), horizon.of_learned_reward(env))
     horizon.warn_if_variable(env, config)
     env = horizon.learning_env(env, config)
-    discriminator_data.check_segments(config)
     discriminator_data.check_whole_trajectories(env, config)
     obs_size, action_size = normalize.flat_size(env), env.action_size
     optimizer, limit = make_optimizer(env, config), rollout.action_limit(env)

@@ -12,10 +12,11 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from eairl_jax import arguments
-from eairl_jax.errors import InputError
+from eairl_jax.errors import Diverged, InputError
 from eairl_jax.hparams import check_hparams
 from eairl_jax.schema import shown
 from eairl_jax.types import Algorithm, HParams, Key, Metrics, PyTree
+from eairl_jax.xla import refuse_double_precision
 
 LANES = "lanes"
 
@@ -60,6 +61,7 @@ class Lanes:
         data_per_lane: bool = False,
         devices: list | None = None,
     ):
+        refuse_double_precision()
         check_hparams(hparams)
         _check_algorithm(algorithm)
         keys = raw_keys(keys)
@@ -119,15 +121,44 @@ class Lanes:
     def run(self, state: PyTree, length: int) -> tuple[PyTree, Metrics]:
         """Runs `length` iterations of every lane. The memory of `state` is reused: do not use `state` afterwards.
 
+        To be able to go back, keep `take(state)` before the call; `put` makes a state of it again.
+
         Returns:
           The state after the iterations, and the metrics as NumPy arrays `[lanes, length]`.
+
+        Raises:
+          Diverged: if a metric is no longer finite. The metric `true_return` may be NaN: no episode has ended yet.
         """
         self.compile(state, length)
         state, metrics = self._programs[length](state, self.hparams, self.data)
-        return state, self.take(metrics)
+        metrics = self.take(metrics)
+        refuse_not_finite(metrics)
+        if "true_return" in metrics:
+            returns = metrics["true_return"]
+            metrics["true_return"] = np.where(np.isneginf(returns), np.float32(np.nan), returns)
+        return state, metrics
 
     def _spread(self, function: Callable, in_specs) -> Callable:
         return jax.shard_map(function, mesh=self._mesh, in_specs=in_specs, out_specs=self._lane_spec, check_vma=False)
+
+
+def refuse_not_finite(metrics: dict[str, np.ndarray]) -> None:
+    """Raises `Diverged` if a metric `[lanes, length]` holds NaN or infinity.
+
+    The metric `true_return` is -inf while no episode has ended (NaN in earlier versions).
+    """
+    for name, values in metrics.items():
+        bad = np.isposinf(values) if name == "true_return" else ~np.isfinite(values)
+        if bad.any():
+            lane, t = np.argwhere(bad)[np.argwhere(bad)[:, 1].argmin()]
+            raise Diverged(
+                f"{name} became {values[lane, t]} in lane {lane} at iteration {t + 1} of {values.shape[1]}: try a "
+                "lower learning rate",
+                name,
+                int(lane),
+                int(t) + 1,
+                float(values[lane, t]),
+            )
 
 
 def _check_algorithm(algorithm: Algorithm) -> None:

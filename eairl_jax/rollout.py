@@ -11,6 +11,9 @@ from flax import struct
 from eairl_jax.gaussian import Gaussian
 from eairl_jax.types import Env, Key, PyTree, Transition
 
+UNKNOWN = -jnp.inf
+"""Stands for a return that is not known yet."""
+
 
 @struct.dataclass
 class RolloutState:
@@ -19,9 +22,9 @@ class RolloutState:
     Attributes:
       env: the states of the environments, every leaf `[N, ...]`.
       steps: `[N]` steps in the current episode so far.
-      episode_return: `[N]` true return in the current episode so far; NaN in a first episode that began late.
-      mean_return: `[]` mean true return of the episodes that ended in the last rollout in which any episode ended; NaN
-        before the first such rollout.
+      episode_return: `[N]` true return in the current episode so far; -inf in a first episode that began late.
+      mean_return: `[]` mean true return of the episodes that ended in the last rollout in which any episode ended; -inf
+        before the first such rollout. (Not NaN, which a user may hunt with `JAX_DEBUG_NANS=1`.)
     """
 
     env: PyTree
@@ -39,8 +42,8 @@ def reset(key: Key, env: Env, num_envs: int, length: int, episode_length: int) -
     """
     states = jax.vmap(env.reset)(jax.random.split(key, num_envs))
     steps = length * (jnp.arange(num_envs, dtype=jnp.int32) % max(1, episode_length // length))
-    returns = jnp.where(steps > 0, jnp.nan, jnp.zeros(num_envs))
-    return RolloutState(states, steps, returns, jnp.full((), jnp.nan, jnp.float32))
+    returns = jnp.where(steps > 0, UNKNOWN, jnp.zeros(num_envs))
+    return RolloutState(states, steps, returns, jnp.full((), UNKNOWN, jnp.float32))
 
 
 def action_limit(env: Env) -> float:
@@ -95,7 +98,7 @@ def rollout(
     carry, (transitions, ended, returns) = jax.lax.scan(
         step, (state.env, state.steps, state.episode_return), (noise, picks)
     )
-    counted = ended & ~jnp.isnan(returns)
+    counted = ended & jnp.isfinite(returns)  # states of earlier versions have NaN where these have -inf
     count = counted.sum()
     mean = jnp.where(counted, returns, 0.0).sum() / jnp.maximum(count, 1)
     mean_return = jnp.where(count > 0, mean, state.mean_return)

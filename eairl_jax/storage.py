@@ -108,7 +108,7 @@ def read_json(path: Path, expected: Schema | None = None, advice: str = REWRITE)
       InputError: if there is no such regular file, or if it does not hold such an object.
     """
     with untrusted.regular_file(path, untrusted.MAX_JSON_BYTES) as file:
-        text = file.read(untrusted.MAX_JSON_BYTES)
+        text = file.read(os.fstat(file.fileno()).st_size)  # a larger number would be allocated at once
     try:
         content = untrusted.parsed(text)
     except untrusted.Damaged as e:

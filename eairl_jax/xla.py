@@ -58,6 +58,17 @@ def configure_jax() -> None:
             jax.config.update(name, value)
 
 
+def refuse_double_precision() -> None:
+    """Raises `InputError` if JAX computes in float64, as `JAX_ENABLE_X64=1` asks: everything here is float32."""
+    import jax
+
+    if jax.config.jax_enable_x64:
+        raise InputError(
+            "JAX_ENABLE_X64 is on, and eairl_jax computes in float32 alone: unset the variable, or call "
+            'jax.config.update("jax_enable_x64", False)'
+        )
+
+
 def flag_names(flags: str) -> set[str]:
     """Names of the flags in a value of `XLA_FLAGS`, without their values."""
     return {flag.partition("=")[0] for flag in flags.split()}

@@ -1,7 +1,5 @@
 """The command line, `eairl`: reads the arguments, runs the command, and turns every failure into one clear message."""
 
-# ruff: noqa: E402
-
 from __future__ import annotations
 
 import sys
@@ -43,11 +41,15 @@ def main(arguments: list[str] | None = None) -> None:
         _exit(str(e), 2)
     options = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="eairl", description=DESCRIPTION, args=each_once)
     _configure_jax()
-    from eairl_jax.experiments.pipeline.train import Diverged
+    from eairl_jax import Diverged
+    from eairl_jax.experiments.pipeline.interruption import STOPPED, Interrupted, exit_on_sigterm
+    from eairl_jax.xla import refuse_double_precision
 
     (name,) = (name for name, record in COMMANDS.items() if type(options) is record)
     command = importlib.import_module(f"eairl_jax.experiments.commands.{name}")
+    exit_on_sigterm()
     try:
+        refuse_double_precision()
         command.run(options, shlex.join(["eairl", *arguments]))
     except InputError as e:
         _exit(str(e), 2)
@@ -57,8 +59,10 @@ def main(arguments: list[str] | None = None) -> None:
         _exit(f"{e.strerror or e} ({e.filename or 'disk'}){advice}", 2)
     except Diverged as e:
         _exit(str(e), 1)
+    except Interrupted as e:
+        _exit(STOPPED, e.code)
     except KeyboardInterrupt:
-        _exit("stopped; a training goes on from its last checkpoint when its command is given again", 130)
+        _exit(STOPPED, 130)
 
 
 def _configure_jax() -> None:

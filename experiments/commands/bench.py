@@ -22,6 +22,7 @@ from eairl_jax import (
     discriminator,
     discriminator_data,
     empowerment,
+    horizon,
     make_irl,
     replay,
     rollout,
@@ -147,8 +148,9 @@ def stages(experiment: Experiment, iterations: int) -> dict[str, Callable[[], No
         experiment.recipe.hparams,
         experiment.source.env,
     )
+    algorithm, env = make_irl(env, config), horizon.learning_env(env, config)
     optimizer = make_optimizer(env, config)
-    state = jax.jit(make_irl(env, config).init)(jax.random.PRNGKey(0), hparams)
+    state = jax.jit(algorithm.init)(jax.random.PRNGKey(0), hparams)
     acting, raw = jax.jit(lambda s: agent.collect(s.key, s.agent, env, optimizer, config))(state)
     past, tau = replay.add(jax.random.PRNGKey(0), state.replay, raw, config), agent.normalize_obs(acting, raw)
 

@@ -37,8 +37,13 @@ def figure_of(rows: int, columns: int, size: tuple[float, float], title: str):
     from matplotlib.figure import Figure  # a figure outside pyplot does not have to be closed
 
     figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
-    figure.suptitle(title)
+    figure.suptitle(literal(title))
     return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def literal(text: str) -> str:
+    """A text as matplotlib draws it unchanged; two dollar signs would begin and end a formula."""
+    return text.replace("$", r"\$")
 
 
 def plot(path: Path, title: str, curves: Sequence[Curve]) -> None:
@@ -61,11 +66,11 @@ def curve_figure(title: str, curves: Sequence[Curve], columns: int = 4):
             values = np.ma.masked_invalid(curve.values)
             steps = (1 + np.arange(values.shape[1])) * curve.steps_per_iteration
             color = curve.color or f"C{number}"
-            axis.plot(steps, values.mean(axis=0), color=color, ls=curve.style, label=curve.label)
+            axis.plot(steps, values.mean(axis=0), color=color, ls=curve.style, label=literal(curve.label))
             axis.fill_between(steps, values.min(axis=0), values.max(axis=0), color=color, alpha=0.2, lw=0)
         for name, height in dict.fromkeys(curve.level for curve in drawn if curve.level):
             _mark_level(axis, name, height)
-        axis.set_title(panel, fontsize=10)
+        axis.set_title(literal(panel), fontsize=10)
         axis.set_xlabel("environment steps of a seed; mean and range over seeds")
         axis.xaxis.set_major_formatter(EngFormatter(sep=""))
         axis.spines[["top", "right"]].set_visible(False)
@@ -76,7 +81,7 @@ def curve_figure(title: str, curves: Sequence[Curve], columns: int = 4):
 
 def _mark_level(axis, name: str, height: float) -> None:
     axis.axhline(height, color="black", lw=0.8, ls="--")
-    axis.annotate(name, (1, height), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)
+    axis.annotate(literal(name), (1, height), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)
 
 
 def plot_diagnosis(path: Path, title: str, behaviours: dict[str, tuple[np.ndarray, np.ndarray]], expert: float) -> None:
@@ -94,7 +99,7 @@ def plot_diagnosis(path: Path, title: str, behaviours: dict[str, tuple[np.ndarra
             color, values = "C0" if line else "C1", figures[panel]
             axis.plot(values, np.full(len(values), line), "o", color=color, alpha=0.6)
             axis.plot([np.mean(values)] * 2, [line - 0.3, line + 0.3], color=color, lw=2)
-        axis.set_yticks(range(len(behaviours)), [""] * len(behaviours) if panel else list(behaviours))
+        axis.set_yticks(range(len(behaviours)), [""] * len(behaviours) if panel else list(map(literal, behaviours)))
         axis.invert_yaxis()
         axis.set_xlabel(label)
         axis.spines[["top", "right"]].set_visible(False)

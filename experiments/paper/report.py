@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.resources import files
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from eairl_jax.experiments.paper.plan import EXPERIMENTS, missing
 from eairl_jax.experiments.pipeline.run import Result
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
 
+OPENED = r"<details><summary>\1</summary>"
 PAGE = Path("runs") / "report.html"
 
 
@@ -46,12 +48,11 @@ def page(results_of: dict[str, list[Result]], folder: Path) -> str:
       folder: holds the pictures of Appendix C and discussion.md, if there are any.
     """
     from jinja2 import Environment
-    from markdown_it import MarkdownIt
 
     template = (files("eairl_jax.experiments.paper") / "report.html").read_text(encoding="utf-8")
     discussion = folder / "discussion.md"
     text = discussion.read_text(encoding="utf-8") if discussion.exists() else ""
-    summary, _, rest = (MarkdownIt().render(part) for part in text.partition("\n\n"))
+    summary, _, rest = map(_rendered, text.partition("\n\n"))
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     return environment.from_string(template).render(
         summary=summary,
@@ -64,6 +65,15 @@ def page(results_of: dict[str, list[Result]], folder: Path) -> str:
         **_pictures(results_of, folder),
         **_costs(results_of),
     )
+
+
+def _rendered(text: str) -> str:
+    """Markdown as HTML. Of a text's own HTML only what folds a part away remains; everything else is shown as text."""
+    from markdown_it import MarkdownIt
+
+    shown = MarkdownIt("commonmark", {"html": False}).disable("image").render(text)
+    opened = re.sub(r"<p>&lt;details&gt;&lt;summary&gt;(.*?)&lt;/summary&gt;</p>", OPENED, shown)
+    return opened.replace("<p>&lt;/details&gt;</p>", "</details>")
 
 
 def _judgements(results_of: dict[str, list[Result]]) -> dict:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eairl_jax.experiments.display.plots import curve_figure, figure_of
+from eairl_jax.experiments.display.plots import curve_figure, figure_of, literal
 from eairl_jax.experiments.paper import results, tables
 from eairl_jax.experiments.paper.figures import learning_curves
 from eairl_jax.experiments.paper.report_tables import OverviewLine, Panel
@@ -44,7 +44,7 @@ def _draw_overview_line(axis, height: int, line: OverviewLine) -> None:
 
 def _label_lines(axis, labels: list[str]) -> None:
     """Labels the lines, the first above the others, and marks the expert's score."""
-    axis.set_yticks(range(len(labels)), labels[::-1])
+    axis.set_yticks(range(len(labels)), [literal(label) for label in reversed(labels)])
     axis.axvline(1, color="black", lw=0.8, ls="--")
     axis.set_xlim(left=min(axis.get_xlim()[0], -0.05))
     axis.spines[["top", "right"]].set_visible(False)
@@ -83,7 +83,7 @@ def _dots(shown: list[Result]) -> str:
         axis.plot([tables.ceiling(result)] * 2, [height - 0.5, height + 0.5], color="gray", lw=1, ls=":")
     _label_lines(axis, [results.title(result.name) for result in shown])
     axis.tick_params(axis="y", labelsize=8)
-    axis.set_title(results.pair(shown[0]), fontsize=10)
+    axis.set_title(literal(results.pair(shown[0])), fontsize=10)
     axis.set_xlabel("0 random actions, 1 expert: a dot for each seed, their mean; dotted: the true reward")
     return _svg(figure)
 
@@ -98,7 +98,7 @@ def closeness(measured: Sequence[Result]) -> str:
             values = np.array((result.closeness or {})["target"][measure], float)
             # One legend serves all panels, and all pairs of tasks.
             is_first = result.task == measured[0].task and measure == MEASURES[0]
-            label = results.title(result.name) if is_first else None
+            label = literal(results.title(result.name)) if is_first else None
             axis.plot(values, result.scores, "o", color=results.color(result.name), alpha=0.7, mec="none", label=label)
         axis.set_xlabel(f"{measure} (in the target)", fontsize=8)
         axis.spines[["top", "right"]].set_visible(False)

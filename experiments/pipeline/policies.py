@@ -85,8 +85,13 @@ def finished_settings(path: Path) -> dict:
 
 def _restore(path: Path, algorithm: Algorithm, config: Config, hparams: HParams, lanes: int) -> PyTree:
     """The states `[lanes, ...]` of the last checkpoint."""
-    keys = jax.random.split(jax.random.PRNGKey(0), lanes)
-    return Checkpoints(path / "checkpoints").restore(config.iterations, Lanes(algorithm, keys, hparams).blank())
+    keys, checkpoints = jax.random.split(jax.random.PRNGKey(0), lanes), Checkpoints(path / "checkpoints")
+    if not checkpoints.is_intact(config.iterations):
+        raise InputError(
+            f"the last checkpoint of {path} ({config.iterations}) is damaged, and it held the policies: remove "
+            f"{path / 'summary.json'} and repeat the command that made the run; it goes on from the checkpoint before"
+        )
+    return checkpoints.restore(config.iterations, Lanes(algorithm, keys, hparams).blank())
 
 
 def best_expert(path: Path, task: str) -> Policies:

@@ -29,6 +29,7 @@ from eairl_jax.storage import read_json, write_json
 
 SECONDS_ADVICE = "remove the file; its seconds are then not counted"
 MINIMUM_FREE_BYTES = 50_000_000
+BYTE_ORDER_MARK = "\ufeff"
 # Defaults that have changed. The folders of runs are named after the settings that differ from these values.
 FORMER_DEFAULTS = {"episode_length": 100}
 PACKAGES = ("eairl-jax", "jax", "brax", "mujoco", "mujoco-mjx", "flax", "optax", "orbax-checkpoint", "numpy")
@@ -130,36 +131,61 @@ class RunFolder:
         """
         path, names = self.path / "metrics.csv", sorted(metrics)
         length = next(iter(metrics.values())).shape[1]
-        is_new = not path.exists()
+        is_new, header = not path.exists(), [*labels[0], "iteration", "env_steps", *names]
+        if not is_new:
+            self._refuse_other_columns(header)
         with open(path, "a", newline="", encoding="utf-8") as f:
             writer = csv.writer(f)
             if is_new:
-                writer.writerow([*labels[0], "iteration", "env_steps", *names])
+                writer.writerow(header)
             for t in range(length):
                 iteration = first_iteration + t + 1
                 for lane, label in enumerate(labels):
                     values = (f"{metrics[name][lane, t]:.6g}" for name in names)
                     writer.writerow([*label.values(), iteration, iteration * steps, *values])
 
-    def keep_metrics(self, count: int) -> None:
+    def keep_metrics(self, count: int, labels: list[dict]) -> None:
         """Keeps the first `count` lines of `metrics.csv`: later ones are of a chunk whose checkpoint was never written.
 
         The last of the dropped lines may be torn; the kept ones are whole, since a checkpoint follows its metrics.
+
+        Args:
+          labels: what tells the lanes apart, as in `append_metrics`.
+
+        Raises:
+          InputError: if the file is gone, or if its first `count` lines are not what a training wrote.
         """
         path = self.path / "metrics.csv"
-        if not path.exists():
-            return
-        with open(path, newline="", encoding="utf-8") as f:
-            lines = f.readlines()
-        if len(lines) == count + 1:
-            return
         if count == 0:
-            path.unlink()
+            path.unlink(missing_ok=True)
+            return
+        advice = "bring the file back, or remove the folder to begin anew"
+        if not path.exists():
+            raise InputError(f"{path} is missing, and with it the {count} lines before the last checkpoint: {advice}")
+        try:
+            lines = path.read_bytes().decode("utf-8").splitlines(keepends=True)
+        except UnicodeDecodeError as e:
+            raise InputError(f"{path} is no text ({e}): {advice}") from None
+        has_mark = bool(lines) and lines[0].startswith(BYTE_ORDER_MARK)
+        if has_mark:  # an editor has added it
+            lines[0] = lines[0].removeprefix(BYTE_ORDER_MARK)
+        _check_lines(path, lines[: count + 1], count, labels, advice)
+        if len(lines) == count + 1 and not has_mark:
             return
         unfinished = path.with_name("metrics.csv.part")
         with open(unfinished, "w", newline="", encoding="utf-8") as f:
             f.writelines(lines[: count + 1])
         os.replace(unfinished, path)
+
+    def _refuse_other_columns(self, header: list[str]) -> None:
+        with open(self.path / "metrics.csv", newline="", encoding="utf-8") as f:
+            there = next(csv.reader(f), [])
+        if there != header:
+            other = sorted(set(there) ^ set(header)) or ["their order"]
+            raise InputError(
+                f"{self.path}/metrics.csv has other columns than this training writes ({', '.join(other)}): bring the "
+                "file back as it was, or remove the folder to begin anew"
+            )
 
     def metrics(self) -> list[dict[str, str]]:
         """The lines of `metrics.csv`, as text."""
@@ -173,6 +199,27 @@ class RunFolder:
         """One metric as `[lanes, iterations]`."""
         values = np.array([float(line[name]) for line in self.metrics()])
         return values.reshape(-1, lanes).T
+
+
+def _check_lines(path: Path, lines: list[str], count: int, labels: list[dict], advice: str) -> None:
+    """Raises `InputError` unless the lines are a header and `count` whole lines of lanes and iterations in order."""
+    rows = list(csv.reader(lines))
+    first = [*labels[0], "iteration", "env_steps"]
+    if not rows or rows[0][: len(first)] != first:
+        raise InputError(f"{path}: its first line is not {','.join(first)},...: {advice}")
+    if len(rows) != count + 1:
+        raise InputError(f"{path} has {len(rows) - 1} lines of metrics, and the last checkpoint {count}: {advice}")
+    start = None
+    for number, row in enumerate(rows[1:]):
+        step, lane = divmod(number, len(labels))
+        try:
+            values = [float(value) for value in row]
+        except ValueError:
+            values = []
+        start = values[len(first) - 2] - step if start is None and values else start
+        expected = [*(float(value) for value in labels[lane].values()), (start or 0) + step]
+        if len(values) != len(rows[0]) or values[: len(first) - 1] != expected:
+            raise InputError(f"{path}, line {number + 2}: expected the metrics of a lane and an iteration: {advice}")
 
 
 def check_writable(path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,7 +78,9 @@ def make_algorithm(env: Task, config: Config) -> Algorithm:
     Raises:
       InputError: for a setting that the algorithm cannot work with.
     """
-    return make_irl(env, config) if config.method in METHODS else make_bc(env, config)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", horizon.HorizonWarning)  # the commands say it in their own words
+        return make_irl(env, config) if config.method in METHODS else make_bc(env, config)
 
 
 # 1. Learn ------------------------------------------------------------------------------------------------------------

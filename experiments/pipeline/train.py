@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,9 +14,10 @@ import numpy as np
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
-from eairl_jax import Algorithm, Checkpoints, Lanes, evaluate
+from eairl_jax import Algorithm, Checkpoints, Diverged, Lanes, evaluate
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.experiments.display.console import console, say
+from eairl_jax.experiments.pipeline.interruption import Interruption
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.settings import Recipe
 from eairl_jax.types import Key, PyTree
@@ -28,10 +30,6 @@ LEARN, RETRAIN, SOURCE_RETRAIN, EVALUATE, CLOSENESS, PLAN, JUDGE, DIAGNOSE = ran
 
 # What tells a lane from the others: its seed, its restart, its point of a sweep, ...
 Lane = dict[str, float]
-
-
-class Diverged(RuntimeError):
-    """A metric became NaN or infinite. The message says which metric, where, and what is kept."""
 
 
 @dataclass(frozen=True)
@@ -98,24 +96,27 @@ def train(
         iterations, chunk = recipe.config.iterations, recipe.snapshot_every
         checkpoints = Checkpoints(folder.path / "checkpoints")
         first = start.iteration if start else 0
-        done = checkpoints.latest() or first
-        if done > first:
-            state = lanes.put(checkpoints.restore(done, lanes.blank()))
+        restored = checkpoints.restore_newest(lanes.blank)
+        for damaged in restored.damaged:
+            say(f"{title}: the checkpoint of iteration {damaged} is damaged, it is made again")
+        done = restored.iteration or first
+        if restored.iteration is not None:
+            state = lanes.put(restored.state)
             say(f"{title}: going on from iteration {done} of {iterations}")
         else:
             state = lanes.put(start.states()) if start else lanes.init()
         if done >= iterations:
             return lanes.take(state)
-        folder.keep_metrics((done - first) * len(labels))
+        folder.keep_metrics((done - first) * len(labels), labels)
         with console.status(Text(f"{title}: compiling")):
             compile_seconds = lanes.compile(state, chunk)
         folder.add_seconds(compile_seconds=compile_seconds)
-        with _Report(title, recipe, len(labels), done) as report:
+        with _Report(title, recipe, len(labels), done) as report, Interruption() as interruption:
             while done < iterations:
                 started = time.perf_counter()
-                state, metrics = lanes.run(state, chunk)
+                with _named(labels, done, checkpoints.latest()):
+                    state, metrics = lanes.run(state, chunk)
                 seconds = time.perf_counter() - started
-                _refuse_nan(metrics, done, labels, checkpoints.latest())
                 snapshot = lanes.take(state)
                 folder.append_metrics(done, recipe.config.steps_per_iteration, labels, metrics)
                 done += chunk
@@ -124,6 +125,7 @@ def train(
                 checkpoints.save(done, snapshot)
                 folder.add_seconds(run_seconds=seconds)
                 report.update(done, seconds, metrics["true_return"])
+                interruption.stop_if_asked()
         say(f"{title}: compiled in {compile_seconds:.1f} s")
         return lanes.take(state)
 
@@ -166,19 +168,22 @@ class _Report:
             console.print(f"{self._title}: iteration {done}/{self._iterations}  {rate}  {score}", soft_wrap=True)
 
 
-def _refuse_nan(metrics: dict[str, np.ndarray], done: int, labels: list[Lane], kept: int | None) -> None:
-    """Raises `Diverged` if a metric `[lanes, chunk]` holds NaN or infinity; `kept` is the last checkpoint."""
-    for name, values in metrics.items():
-        # No episode may have ended yet, and then the true return is NaN.
-        bad = np.isinf(values) if name == "true_return" else ~np.isfinite(values)
-        if bad.any():
-            lane, t = np.argwhere(bad)[np.argwhere(bad)[:, 1].argmin()]
-            where = ", ".join(f"{label} {value}" for label, value in labels[lane].items())
-            checkpoint = f"the checkpoint of iteration {kept} is kept" if kept else "no checkpoint was written yet"
-            raise Diverged(
-                f"{name} became {values[lane, t]} at iteration {done + t + 1} ({where}); {checkpoint}. "
-                "Try a lower learning rate (--set policy_lr=..., discriminator_lr=...) in a new --out"
-            )
+@contextlib.contextmanager
+def _named(labels: list[Lane], done: int, kept: int | None) -> Iterator[None]:
+    """Names the lane and the iteration of a run where a metric is no longer finite; `kept` is the last checkpoint."""
+    try:
+        yield
+    except Diverged as e:
+        where = ", ".join(f"{label} {value}" for label, value in labels[e.lane].items())
+        checkpoint = f"the checkpoint of iteration {kept} is kept" if kept else "no checkpoint was written yet"
+        raise Diverged(
+            f"{e.metric} became {e.value} at iteration {done + e.iteration} ({where}); {checkpoint}. "
+            "Try a lower learning rate (--set policy_lr=..., discriminator_lr=...) in a new --out",
+            e.metric,
+            e.lane,
+            e.iteration,
+            e.value,
+        ) from None
 
 
 def final_returns(
@@ -196,6 +201,9 @@ def final_returns(
     Args:
       episodes: `EVALUATION_EPISODES` if None.
       sampled: whether the policy samples its actions or takes its mean action.
+
+    Raises:
+      Diverged: if a return is not finite.
     """
     episodes = episodes or EVALUATION_EPISODES
 
@@ -206,4 +214,15 @@ def final_returns(
         return evaluate(key, env, act, episodes, env.episode_length)[0]
 
     state = jax.tree.map(jax.numpy.asarray, state)
-    return np.asarray(jax.jit(jax.vmap(lane_returns))(state, lane_keys(EVALUATE, seeds)))
+    returns = np.asarray(jax.jit(jax.vmap(lane_returns))(state, lane_keys(EVALUATE, seeds)))
+    if not np.isfinite(returns).all():
+        lane, episode = np.argwhere(~np.isfinite(returns))[0]
+        raise Diverged(
+            f"the policy of seed {seeds[lane]} has a true return of {returns[lane, episode]} in episode {episode}: the "
+            "policy or the simulation has diverged, so there is no score",
+            "true_return",
+            int(lane),
+            int(episode),
+            float(returns[lane, episode]),
+        )
+    return returns

@@ -30,7 +30,7 @@ def test_every_public_name_is_what_the_stub_says():
 
 def test_no_module_has_the_name_of_a_public_function_or_class():
     modules = {path.stem for path in FOLDER.glob("*.py")}
-    assert {name for name in eairl_jax.__all__ if name in modules} == {"demonstrations"}
+    assert {name for name in eairl_jax.__all__ if name in modules} == {"demonstrations", "demonstration_files"}
 
 
 def test_an_unknown_name_is_an_attribute_error():

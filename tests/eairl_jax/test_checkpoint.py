@@ -1,5 +1,7 @@
 """What was computed before a kill is there after it, bit for bit."""
 
+import shutil
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -79,3 +81,66 @@ def test_a_checkpoint_of_other_settings_is_refused_by_name(tmp_path, like, named
     checkpoints.save(1, {"a": jnp.zeros(3), "b": jnp.zeros(4)})
     with pytest.raises(InputError, match=f"checkpoint 1 does not fit.*{named}"):
         checkpoints.restore(1, like)
+
+
+DAMAGE = {
+    "missing": lambda path: path.unlink(),
+    "emptied": lambda path: path.write_bytes(b""),
+    "truncated": lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
+    "flipped": lambda path: path.write_bytes(bytes([path.read_bytes()[0] ^ 1]) + path.read_bytes()[1:]),
+    "longer": lambda path: path.write_bytes(path.read_bytes() + b"x"),
+}
+
+
+@pytest.fixture(scope="module")
+def two_checkpoints(tmp_path_factory):
+    """The folder of the checkpoints 1 and 2 of a tree."""
+    folder = tmp_path_factory.mktemp("two")
+    for iteration in (1, 2):
+        Checkpoints(folder).save(iteration, TREE | {"count": np.int32(iteration)})
+    return folder
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_any_damage_to_the_newest_is_found_and_the_one_before_is_read(tmp_path, two_checkpoints, equal_trees, damage):
+    """Each file of the newest checkpoint, one after another."""
+    names = [p.relative_to(two_checkpoints) for p in sorted((two_checkpoints / "2").rglob("*")) if p.is_file()]
+    assert len(names) > 5
+    for number, name in enumerate(names):
+        copy = shutil.copytree(two_checkpoints, tmp_path / str(number))
+        if not (copy / name).stat().st_size and damage != "longer":
+            continue  # an empty file that orbax writes as a mark
+        DAMAGE[damage](copy / name)
+        checkpoints = Checkpoints(copy)
+        is_digest = name.name == "sha256.txt" and damage == "missing"  # as in a version that wrote none
+        restored = checkpoints.restore_newest(lambda: jax.tree.map(np.zeros_like, TREE | {"count": np.int32(0)}))
+        assert (restored.iteration, restored.damaged) == ((2, []) if is_digest else (1, [2])), name
+        equal_trees(restored.state, TREE | {"count": np.int32(restored.iteration)})
+        checkpoints.save(3, TREE)  # and training can go on
+        assert checkpoints.latest() == 3
+
+
+def test_a_flip_at_any_place_is_found(tmp_path, two_checkpoints):
+    """A hundred random bits of the newest checkpoint, one after another."""
+    rng = np.random.default_rng(0)
+    copy = shutil.copytree(two_checkpoints, tmp_path / "copy")
+    files = [p for p in sorted((copy / "2").rglob("*")) if p.is_file() and p.stat().st_size]
+    checkpoints = Checkpoints(copy)
+    for _ in range(100):
+        path = files[rng.integers(len(files))]
+        whole = path.read_bytes()
+        flipped = bytearray(whole)
+        flipped[rng.integers(len(flipped))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(flipped)
+        assert not checkpoints.is_intact(2), path
+        path.write_bytes(whole)
+    assert checkpoints.is_intact(2)
+
+
+def test_if_all_are_damaged_there_is_none(tmp_path, two_checkpoints):
+    copy = shutil.copytree(two_checkpoints, tmp_path / "copy")
+    for path in copy.rglob("manifest.ocdbt"):
+        path.write_bytes(b"")
+    restored = Checkpoints(copy).restore_newest(lambda: TREE)
+    assert restored == (None, None, [2, 1])
+    assert Checkpoints(copy).latest() is None

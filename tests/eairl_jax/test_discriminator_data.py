@@ -1,9 +1,15 @@
 """Whole trajectories are cut only from rollouts and demonstrations of whole episodes. `test_irl.py` has the samples."""
 
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import numpy as np
 import pytest
 
-from eairl_jax import InputError, methods
-from eairl_jax.discriminator_data import check_segments
+from eairl_jax import HParams, InputError, horizon, methods
+from eairl_jax.discriminator_data import check_segments, for_loss, for_policy_reward
+from eairl_jax.gaussian import Gaussian
+from eairl_jax.normalize import ObsStats
 
 
 @pytest.mark.parametrize(
@@ -20,3 +26,19 @@ def test_whole_episodes_and_single_transitions_are_accepted(tiny, method, rollou
     config = methods.with_method_defaults(tiny(method=method, rollout_length=rollout, ppo_minibatches=1))
     check_segments(config, 10)
     check_segments(config)
+
+
+def test_in_the_absorbing_state_the_discriminator_sees_no_action_and_no_log_pi(tiny, transitions):
+    config, raw = methods.with_method_defaults(tiny(method="airl_sa", horizon="absorbing")), transitions()
+    ended = np.zeros((6, 4), np.float32)
+    ended[3:, :2] = 1.0
+    raw = raw._replace(obs=horizon.absorb(jnp.asarray(raw.obs), jnp.asarray(ended)))
+    raw = raw._replace(next_obs=raw.obs)
+    acting = SimpleNamespace(obs_stats=ObsStats(jnp.zeros(5), jnp.ones(5), jnp.zeros(())))
+    narrow = Gaussian(jnp.zeros((6, 4, 2)), jnp.full((6, 4, 2), -1.0))
+    for samples, log_prob in (
+        (for_policy_reward(raw, None, acting, HParams(), config), raw.log_prob),
+        (for_loss(raw, lambda _obs: narrow, None, acting, HParams(), config), narrow.log_prob(raw.action)),
+    ):
+        np.testing.assert_allclose(samples.log_prob, np.where(ended > 0, 0.0, log_prob), rtol=1e-6)
+        np.testing.assert_array_equal(samples.action, np.where(ended[..., None] > 0, 0.0, raw.action))

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from eairl_jax import InputError, evaluate, evaluation, random_policy
+from eairl_jax import Config, InputError, demonstrations, evaluate, evaluation, horizon, random_policy
 
 
 @pytest.mark.parametrize(("ends_at", "counted"), [(None, 5), (3, 3)])
@@ -51,6 +51,53 @@ def test_the_reward_a_step_stops_at_the_end_of_an_episode(toy):
     steps = {name: np.asarray(x) for name, x in steps.items()}
     paid = evaluation.reward_per_step(lambda batch: batch.obs[..., 0] + 1.0, steps)  # 1, 2, 3, ... in each episode
     np.testing.assert_allclose(paid, (1 + 2 + 3) / 5)
+
+
+def broken_after(toy, ends_at):
+    """A toy whose simulation is NaN after the end of the episode, as brax's physics can be."""
+
+    class Broken(type(toy())):
+        def step(self, state, action):
+            after = super().step(state, action)
+            gone = after.obs[0] > self.ends_at
+            return jax.tree.map(lambda x: jnp.where(gone, jnp.nan, x), after)
+
+    return Broken(ends_at)
+
+
+def test_nothing_of_a_simulation_after_the_end_reaches_a_return(toy):
+    env = broken_after(toy, 3)
+    returns, steps = evaluate(jax.random.PRNGKey(0), env, random_policy(env), 2, 6)
+    assert np.isfinite(returns).all()
+    assert np.isfinite(steps["reward"]).all()
+    assert np.isfinite(evaluation.reward_per_step(lambda batch: batch.obs[..., 0], steps))
+    assert np.isnan(steps["obs"]).any()  # the test tests something
+    demos = demonstrations.checked(demonstrations.from_steps(steps), "steps")
+    assert demos.lengths.tolist() == [3, 3]
+
+
+def test_an_absorbing_state_hides_a_simulation_after_the_end(toy):
+    env = horizon.learning_env(broken_after(toy, 3), Config(horizon="absorbing"))
+    state = env.reset(jax.random.PRNGKey(0))
+    for _ in range(6):
+        state = env.step(state, jnp.zeros(2))
+        assert np.isfinite(state.obs).all()
+        assert np.isfinite(state.reward)
+    assert state.ended == 1
+
+
+def test_a_policy_of_nan_has_no_score(toy):
+    def act(obs, _key):
+        return jnp.where(obs[:, :1] >= 2, jnp.nan, jnp.zeros((obs.shape[0], 2)))
+
+    class Pays(type(toy())):
+        def step(self, state, action):
+            return super().step(state, action).replace(reward=jnp.ones(()))
+
+    returns, _ = evaluate(jax.random.PRNGKey(0), Pays(), act, 2, 5)
+    assert np.isnan(returns).all()
+    returns, _ = evaluate(jax.random.PRNGKey(0), Pays(ends_at=2), act, 2, 5)
+    np.testing.assert_array_equal(returns, [2, 2])  # it ended before
 
 
 def still(obs, key):

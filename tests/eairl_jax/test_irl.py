@@ -319,6 +319,16 @@ def test_the_state_keeps_its_types_so_that_a_step_compiles_once(built, demos, me
         assert kinds[0] == kinds[1], jax.tree_util.keystr(path)
 
 
+def test_the_slow_phi_is_copied_after_every_so_many_whole_iterations(built, demos, equal_trees):
+    """`phi_sync_interval` is 2: after the second iteration and the fourth, not after the first."""
+    _, init, step = built()
+    state = init(jax.random.PRNGKey(0), HPARAMS)
+    for iteration in range(1, 5):
+        before, (state, _) = state, step(state, HPARAMS, demos)
+        copied = state.empowerment.phi.params if iteration % 2 == 0 else before.empowerment.phi_target
+        equal_trees(state.empowerment.phi_target, copied)
+
+
 def test_act_samples_the_policy_and_gives_its_mean_without_a_key(built):
     algorithm, init, _ = built()
     state, obs = init(jax.random.PRNGKey(0), HPARAMS), jnp.ones((20_000, 4))

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from eairl_jax import Algorithm, HParams, InputError, Lanes, scan
+from eairl_jax import Algorithm, Diverged, HParams, InputError, Lanes, scan
 
 SWEEP = HParams(
     lambda_i=np.array([0.0, 0.5, 2.0]), policy_lr=np.array([1e-3, 5e-3, 1e-4]), phi_lr=np.array([0.0, 0.01, 0.1])
@@ -123,6 +123,32 @@ def test_hyperparameters_that_no_run_can_have_are_refused():
     for hparams, message in ((HParams(gamma=1.5), "gamma = 1.5"), (HParams(policy_lr=np.array([0.1, -1.0])), "= -1")):
         with pytest.raises(InputError, match=message):
             Lanes(WALK, keys(2), hparams, DATA)
+
+
+def test_a_training_that_diverges_is_stopped_and_named():
+    """From Python too: a NaN must not look like a score."""
+
+    def step(state, hparams, data):
+        bad = (state == 2) & (hparams.gamma > 0.5)
+        return state + 1, {"loss": jnp.where(bad, jnp.nan, 0.0), "true_return": jnp.full((), jnp.nan)}
+
+    algorithm = Algorithm(lambda key, hparams: jnp.zeros(()), step, lambda *_: None)
+    lanes = Lanes(algorithm, jax.random.split(jax.random.PRNGKey(0), 2), HParams(gamma=np.array([0.1, 0.9])))
+    state, _ = lanes.run(lanes.init(), 2)
+    with pytest.raises(Diverged, match="loss became nan in lane 1 at iteration 1 of 2") as e:
+        lanes.run(state, 2)
+    assert (e.value.metric, e.value.lane, e.value.iteration) == ("loss", 1, 1)
+
+
+def test_a_user_can_hunt_a_nan(built, demos):
+    """Nothing in an iteration is NaN by design, so `jax_debug_nans` finds the NaN that is a fault."""
+    algorithm, init, _ = built()
+    with jax.debug_nans(True):
+        state = init(jax.random.PRNGKey(0), HParams())
+        _, metrics = jax.jit(algorithm.step)(state, HParams(), demos)
+        with pytest.raises(FloatingPointError):
+            jax.jit(algorithm.step)(state, HParams(policy_lr=np.nan), demos)
+    assert all(np.isfinite(value) for name, value in metrics.items() if name != "true_return")
 
 
 REFUSED = {

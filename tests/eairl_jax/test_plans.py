@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flax import struct
 
-from eairl_jax import HParams, Lanes, make_rl, plans
+from eairl_jax import HParams, Lanes, agent, make_rl, plans
 from eairl_jax.policy_optimizers import make_optimizer
 
 SEARCH = plans.Search(plans=256, repeats=4, updates=200, batch=64, lr=1e-2)
@@ -112,3 +112,34 @@ def test_a_planner_makes_policies_that_act_as_their_plans_acted(tiny, equal_tree
     first = np.asarray(distribution(state.agent.policy, jnp.zeros(1)).mean[..., 0])
     assert first[0].min() < -0.2
     assert first[1].max() > 0.2
+
+
+def test_a_clone_acts_at_raw_observations_learns_from_weighted_samples_and_begins_adam_anew(toy, tiny):
+    """Half of the samples want the opposite action and weigh nothing. The normaliser is far from doing nothing."""
+    config = tiny(policy_hidden=(32, 32), policy_activation="tanh", normalize_obs="task")
+    env, rng = toy(scale=((5.0,) * 4, (3.0,) * 4)), np.random.default_rng(0)
+    optimizer = make_optimizer(env, config)
+    before = agent.init(jax.random.PRNGKey(0), env, optimizer, HParams(), config)
+    obs = jnp.asarray(rng.normal(5, 3, size=(40, 2, 4)), jnp.float32)
+    wanted = 0.1 * (obs[..., :2] - 5.0)
+    action, weight = wanted.at[:, 1].multiply(-1.0), jnp.ones((40, 2)).at[:, 1].set(0.0)
+    search = plans.Search(updates=600, batch=64, lr=1e-2)
+    after = plans.fit(jax.random.PRNGKey(1), optimizer, before, (obs, action, weight), search)
+    np.testing.assert_allclose(agent.distribution(after, obs, optimizer).mean[:, 0], wanted[:, 0], atol=0.15)
+    assert all((np.asarray(leaf) == 0).all() for leaf in jax.tree.leaves(after.policy.nets.adam))
+
+
+def test_a_clone_does_not_learn_what_its_plan_did_after_the_end(toy, tiny):
+    """The plan turns around at step 3. The first observation of `Toy` counts the steps."""
+    config = tiny(policy_hidden=(32,), policy_activation="tanh", normalize_obs="none")
+    plan = jnp.where(jnp.arange(6)[:, None] < 3, 0.8, -0.8) * jnp.ones((6, 2))
+    search, late = plans.Search(updates=400, batch=64, lr=1e-2), jnp.array([5.0, -0.8, -0.8, 1.5])
+    acts = {}
+    for ends_at in (3, None):
+        env = toy(ends_at=ends_at)
+        optimizer = make_optimizer(env, config)
+        before = agent.init(jax.random.PRNGKey(0), env, optimizer, HParams(), config)
+        clone = plans.clone(jax.random.PRNGKey(1), env, optimizer, before, plan, search)
+        acts[ends_at] = agent.distribution(clone, late, optimizer).mean
+    assert (acts[None] < -0.6).all()
+    assert (acts[3] > -0.6).any()

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from eairl_jax import HParams, InputError, make_rl, scan
+from eairl_jax import HParams, InputError, make_rl, rl, scan
 
 
 def towards(data, batch):
@@ -55,3 +55,23 @@ def test_observations_that_are_not_flat_are_refused(toy, tiny):
     env.observation_size = {"state": 4}
     with pytest.raises(InputError, match="flat vector"):
         make_rl(env, tiny()).init(jax.random.PRNGKey(0), HParams())
+
+
+def test_the_temperature_has_no_effect_in_the_absorbing_state(toy, tiny, monkeypatch):
+    """The reward is 1 there and 0 elsewhere; `-temperature log pi` is added elsewhere alone."""
+    make = rl.make_optimizer
+
+    def recording(env, config):
+        def update(_key, policy, batch, *_more):
+            return policy, {"reward": batch.reward, "log_prob": batch.log_prob, "absorbed": batch.obs[..., -1]}
+
+        return make(env, config)._replace(update=update)
+
+    monkeypatch.setattr(rl, "make_optimizer", recording)
+    config = tiny(horizon="absorbing", normalize_obs="none")
+    algorithm = make_rl(toy(ends_at=3), config, lambda _data, batch: batch.obs[..., -1])
+    hparams = HParams(temperature=0.7)
+    _, seen = jax.jit(algorithm.step)(algorithm.init(jax.random.PRNGKey(0), hparams), hparams, ())
+    assert 0 < seen["absorbed"].mean() < 1
+    expected = np.where(seen["absorbed"] > 0, 1.0, -0.7 * seen["log_prob"])
+    np.testing.assert_allclose(seen["reward"], expected, rtol=1e-5)

@@ -74,6 +74,39 @@ def test_an_action_of_another_shape_is_refused(shape):
         env.step(env.reset(jax.random.PRNGKey(0)), jnp.zeros(shape))
 
 
+@pytest.mark.parametrize("task", envs.TASKS)
+def test_extreme_actions_are_clipped_and_nan_is_reported(task, compiled_step):
+    """1e30, infinity and the bound are one action. A NaN in one entry makes everything NaN."""
+    step = compiled_step(task)
+    env = step.env
+    bound = np.full(env.action_size, env.action_limit)
+    with_nan = np.where(np.arange(env.action_size) == 0, np.nan, 0.0)
+    actions = np.array([bound, bound * 1e30, bound * np.inf, -bound, bound * -1e30, bound * -np.inf, with_nan])
+    start = env.reset(jax.random.PRNGKey(0)).pipeline_state
+    after = step(*(np.tile(x, (7, 1)) for x in jax.tree.leaves(start)), actions)
+    for leaf in jax.tree.leaves((after.pipeline_state, after.obs, after.reward)):
+        np.testing.assert_array_equal(leaf[1:3], leaf[:1].repeat(2, axis=0))
+        np.testing.assert_array_equal(leaf[4:6], leaf[3:4].repeat(2, axis=0))
+        assert np.isfinite(leaf[:6]).all()
+    assert np.isnan(after.obs[6]).any()
+    assert np.isnan(after.reward[6])
+
+
+@pytest.mark.parametrize("task", envs.TASKS)
+def test_random_actions_keep_a_simulation_stable(task, compiled_step):
+    """`tests/physics/random_steps.py` takes ten million steps."""
+    step, rng = compiled_step(task), np.random.default_rng(0)
+    env, count = step.env, 50
+    physics = jax.vmap(env.reset)(jax.random.split(jax.random.PRNGKey(0), count)).pipeline_state
+    for _ in range(40):
+        actions = rng.uniform(-1, 1, (count, env.action_size)) * env.action_limit
+        actions[: count // 2] = np.sign(actions[: count // 2]) * env.action_limit
+        state = step(*jax.tree.leaves(physics), actions)
+        physics = state.pipeline_state
+        assert np.isfinite(state.obs).all()
+        assert np.isfinite(state.reward).all()
+
+
 def test_importing_the_tasks_prints_nothing():
     command = [sys.executable, "-c", "import eairl_jax.envs"]
     assert subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout == ""

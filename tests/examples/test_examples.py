@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eairl_jax import demonstration_files, demonstrations
+from eairl_jax.experiments.cli import main
 from eairl_jax.methods import METHODS
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -30,7 +32,7 @@ def example(monkeypatch, tmp_path):
 
 def test_no_example_is_longer_than_60_lines():
     lengths = {path.name: len(path.read_text(encoding="utf-8").splitlines()) for path in EXAMPLES.glob("*.py")}
-    assert len(lengths) == 5
+    assert len(lengths) == 6
     assert max(lengths.values()) <= 60, lengths
 
 
@@ -67,3 +69,17 @@ def test_a_method_of_your_own_trains(example):
     assert np.isfinite(names["metrics"]["policy_reward"]).all()
     h = np.array([-1.0, 0.0, 1.0])
     np.testing.assert_allclose(METHODS["fairl"].policy_reward(h), -np.exp(h) * h, rtol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.extras
+def test_a_policy_in_gymnasium_becomes_demonstrations(example, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    sizes = ["iterations=2", "snapshot_every=2", "num_envs=4", "rollout_length=16", "ppo_minibatches=4"]
+    main(["expert", "half_cheetah", "--seeds", "1", "--out", str(tmp_path / "expert"), "--set", *sizes])
+    names = example("demonstrations_from_gymnasium", str(tmp_path / "expert"), "half_cheetah/test-v0", "2")
+    demos, facts = demonstration_files.read("minari:half_cheetah/test-v0", action_limit=1.0)
+    assert demos.lengths.tolist() == [500, 500]
+    assert facts.outside == 0
+    np.testing.assert_allclose(demonstrations.returns(demos), names["returns"], rtol=1e-4)

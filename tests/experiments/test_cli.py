@@ -1,14 +1,17 @@
 """The command line: bad input is one clear message, and help is fast."""
 
 import json
+import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
+import eairl_jax
 from eairl_jax.experiments.options import COMMANDS
 from eairl_jax.experiments.pipeline.experiment import make_env, shipped_demonstrations
 from eairl_jax.methods import method_names
@@ -147,6 +150,61 @@ def test_help_imports_no_jax():
         assert command in done.stdout
 
 
+def test_the_version_is_said(run, capsys):
+    assert run("--version") == 0
+    assert capsys.readouterr().out == f"eairl_jax {eairl_jax.__version__}\n"
+
+
+# Modules that the command imports, and folders that a user may well have.
+DECOYS = ("tyro", "rich", "jax", "numpy", "mujoco", "brax", "filelock", "matplotlib", "experiments", "envs", "tests")
+PLAIN = {"PYTHONIOENCODING": "ascii", "LANG": "C", "COLUMNS": "30", "NPROC": "4"}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [["-m", "eairl_jax.experiments.cli"], ["-P", "-OO", "-c", "from eairl_jax.experiments import cli; cli.main()"]],
+    ids=["module", "optimised"],
+)
+def test_a_process_runs_nothing_of_the_current_folder_and_prints_on_any_terminal(options, tmp_path):
+    """Thirty columns of ASCII, without docstrings and assertions, without a home."""
+    for name in DECOYS:
+        (tmp_path / f"{name}.py").write_text(f"open({name!r}, 'w')")
+    environ = {name: value for name, value in os.environ.items() if name not in ("HOME", "XLA_FLAGS")}
+    environ |= PLAIN | {"HOME": "", "XDG_CACHE_HOME": "", "PYTHONPATH": str(Path(eairl_jax.__file__).parents[1])}
+    done = subprocess.run(
+        [sys.executable, *options, "tasks"], cwd=tmp_path, env=environ, capture_output=True, text=True, check=True
+    )
+    assert {path.suffix for path in tmp_path.iterdir()} == {".py"}
+    lines = done.stdout.splitlines()
+    assert {"pendulum", "  obs: 3", "  action limit: +-2"} <= set(lines)
+    assert "Traceback" not in done.stderr
+
+
+def test_help_is_whole_on_any_terminal(tmp_path):
+    program = "from eairl_jax.experiments import cli; cli.main(['--help'])"
+    for optimised in ([], ["-OO"]):
+        done = subprocess.run(
+            [sys.executable, *optimised, "-c", program],
+            env=os.environ | PLAIN,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert all(command in done.stdout for command in COMMANDS)
+
+
+ODD = "run [/b] :x: $a$ <b> 'n' \u00e4.v1"
+
+
+def test_a_path_may_have_any_name(finished, tmp_path, run, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = finished.rename(tmp_path / ODD)
+    assert run("evaluate", folder, "--episodes", 2, "--json", f"{ODD}.json") == 0
+    assert (tmp_path / f"{ODD}.json").exists()
+    assert run("evaluate", f"{ODD}2") == 2
+    assert f"{ODD}2 is no run's folder" in capsys.readouterr().err
+
+
 def test_settings_explain_themselves(run, capsys):
     assert run("settings", "point_maze_left") == 0
     printed = capsys.readouterr().out
@@ -205,3 +263,12 @@ def test_a_users_environment_goes_through_all_commands(tmp_path, monkeypatch, ca
     make_env.cache_clear()  # as in another process
     assert run("evaluate", moved) == 2
     assert "no file my_tasks.py in" in capsys.readouterr().err
+
+
+def test_double_precision_is_refused_in_one_line(run, capsys):
+    jax.config.update("jax_enable_x64", True)
+    try:
+        assert run("imitate", "pendulum") == 2
+    finally:
+        jax.config.update("jax_enable_x64", False)
+    assert "eairl_jax computes in float32 alone" in capsys.readouterr().err

@@ -25,4 +25,4 @@ def test_an_imitator_is_no_expert(finished, tmp_path, run, capsys):
     assert run("demos", "pendulum", "--expert", finished, "--out", tmp_path / "no.npz") == 2
     assert "no expert of pendulum" in capsys.readouterr().err
     assert run("demos", "pendulum", "--expert", finished, "--episodes", 0) == 2
-    assert "--episodes 0" in capsys.readouterr().err
+    assert "--episodes = 0" in capsys.readouterr().err

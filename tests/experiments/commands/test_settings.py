@@ -16,7 +16,9 @@ def test_every_setting_is_explained(run, capsys):
 def test_a_purpose_holds_its_defaults_and_the_tasks_values():
     retrain = sections("point_maze_left")["retrain"]
     assert (retrain["restarts"], retrain["value_hidden"]) == (4, (48, 48))
-    assert sections("a task without a recipe").keys() == {"expert", "imitate", "reward", "retrain"}
+    without = sections("brax:fast?episode_length=20")
+    assert without.keys() == {"expert", "imitate", "reward", "retrain", "imitate gan_gcl", "reward gan_gcl"}
+    assert {without[purpose]["normalize_obs"] for purpose in ("expert", "imitate", "reward", "retrain")} == {"running"}
 
 
 def test_values_are_shown_as_they_are_typed():

@@ -11,6 +11,7 @@ import pytest
 
 from eairl_jax import envs
 from eairl_jax.envs.mjx_task import Camera
+from eairl_jax.experiments.display import episode_page
 from eairl_jax.experiments.display.episode_page import page, scene
 
 
@@ -92,3 +93,16 @@ def test_the_title_is_escaped_and_the_episode_is_whole(html):
     assert "a &lt;b&gt;title&lt;/b&gt; of 5 $" in html
     system = json.loads(re.search(r'id="system">(.*?)</script>', html)[1])
     assert len(system["states"]["x"]) == 6
+
+
+def test_no_name_is_run(monkeypatch):
+    """A run folder, a task or a body may have any name."""
+    evil, env = "</script><!--<script>alert(1)</script>\"'$title", envs.make("pendulum")
+    shown = scene(env, drifting(env))
+    monkeypatch.setattr(episode_page, "scene", lambda env, qpos: shown | {"geoms": {evil: []}})
+    text = page(evil, env, drifting(env))
+    assert "<script>alert" not in text
+    assert "<!--" not in text
+    assert "&lt;/script&gt;&lt;!--&lt;script&gt;alert(1)" in text
+    data = re.search(r'id="system">(.*?)</script>', text, re.DOTALL)[1]
+    assert evil in json.loads(data)["geoms"]

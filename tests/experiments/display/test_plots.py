@@ -57,3 +57,10 @@ def test_a_sweep_shows_a_dot_for_each_seed_and_the_expert(tmp_path, monkeypatch)
 def test_panels_stand_in_rows_of_four(count):
     curves = [Curve(str(number), "", np.ones((1, 1)), 1) for number in range(count)]
     assert len(curve_figure("title", curves).axes) == (1 if count == 1 else 8)
+
+
+def test_a_name_is_drawn_as_it_is(tmp_path):
+    """Two dollar signs would begin and end a formula, and this one cannot be drawn."""
+    name = r"a $\nowhere{$ b"
+    plot(tmp_path / "x.png", name, [Curve(name, name, np.ones((1, 2)), 1, (name, 1.0))])
+    assert (tmp_path / "x.png").stat().st_size > 1000

@@ -54,3 +54,25 @@ def test_a_folder_without_results_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"holds no results: make some with .*--results"):
         report.write(tmp_path, tmp_path / "report.html")
     assert not (tmp_path / "report.html").exists()
+
+
+EVIL = "<script>alert('1')</script> \"quoted\""
+
+
+def test_nothing_that_the_page_shows_is_run(tmp_path, make_result, results_of):
+    """Names, tasks, machines and the discussion may come from a stranger."""
+    machine = {"date": EVIL, "devices": 2, "device": EVIL, "versions": {"jax": EVIL}}
+    transfers = [make_result(f"eairl-sa+{EVIL}", [1.0, 2.0], EVIL, f"{EVIL}2", "last", machine=machine)]
+    (tmp_path / f"appendix-c-{EVIL.replace('/', '')}.png").write_bytes(b"")
+    folded = (
+        "<details><summary>More</summary>\n\n[x](javascript:alert(1)) ![y](https://example.com/y.png)\n\n</details>"
+    )
+    (tmp_path / "discussion.md").write_text(f"{EVIL}\n\n{folded}\n\n<img src=x onerror=alert(1)>")
+    text = report.page(results_of([make_result(EVIL, [1.0, 2.0], EVIL)], transfers), tmp_path)
+    assert "<script>alert" not in text
+    assert "&lt;script&gt;alert" in text
+    assert "<img src=x" not in text
+    assert 'href="javascript' not in text
+    assert 'src="https' not in text
+    assert "<details><summary>More</summary>" in text
+    assert "</details>" in text

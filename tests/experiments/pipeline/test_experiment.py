@@ -188,7 +188,7 @@ def test_the_recorded_demonstrations_of_a_task_are_found_and_said(point, tmp_pat
     with pytest.raises(InputError, match=r"no demonstrations of point\.py:Point come with the package"):
         imitations(Imitate(point))
     with np.load(shipped_demonstrations("pendulum")) as archive:
-        arrays = dict(archive) | {"task": np.asarray(point)}
+        arrays = {name: x[:, :10] for name, x in archive.items() if x.ndim} | {"task": np.asarray(point)}
     (tmp_path / "demos").mkdir()
     np.savez(tmp_path / "demos" / "point-Point.npz", **arrays)
     experiment.say_once.cache_clear()

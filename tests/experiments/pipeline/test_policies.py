@@ -17,7 +17,7 @@ def test_the_best_seed_of_an_expert_is_chosen_by_its_training(expert, tmp_path, 
     both = policies.load(folder)
     # So short a training ends no episode: its returns are made up.
     run, labels = RunFolder(folder, both.settings), [{"seed": 0}, {"seed": 1}]
-    run.keep_metrics(0)
+    run.keep_metrics(0, labels)
     run.append_metrics(0, 40, labels, {"true_return": np.full((2, 4), -10.0) + 5.0 * (np.arange(2) == better)[:, None]})
     best = policies.best_expert(folder, "pendulum")
     assert best.settings["chosen_seed"] == best.seeds[0] == better

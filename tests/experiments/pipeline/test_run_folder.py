@@ -58,10 +58,54 @@ def test_lines_of_a_lost_chunk_are_dropped(tmp_path, torn):
     chunk(folder, 2)
     with open(tmp_path / "metrics.csv", "a", newline="") as f:
         f.write(torn)
-    folder.keep_metrics(4)
+    folder.keep_metrics(4, LABELS)
     assert (tmp_path / "metrics.csv").read_bytes() == kept
-    folder.keep_metrics(0)
+    folder.keep_metrics(0, LABELS)
     assert not (tmp_path / "metrics.csv").exists()
+
+
+def edited(change):
+    """Changes the text of a file."""
+    return lambda path: path.write_bytes(change(path.read_bytes()))
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda path: path.unlink(), "is missing, and with it the 4 lines before the last checkpoint"),
+        (edited(lambda x: x.replace(b"seed", b"lane", 1)), "its first line is not seed,iteration,env_steps"),
+        (edited(lambda x: x[: x.rindex(b"1,2,20")]), "has 3 lines of metrics, and the last checkpoint 4"),
+        (edited(lambda x: x.replace(b"1,2,20", b"1,9,20")), "line 5: expected the metrics of a lane"),
+        (edited(lambda x: x.replace(b"0,1,10,-1,1", b"0,1,10,-1")), "line 2: expected the metrics"),
+        (edited(lambda x: x.replace(b"0,1,10,-1,1", b"0,1,10,-1,x")), "line 2: expected the metrics"),
+        (lambda path: path.write_bytes(b"\xff\xfe\x00"), "is no text"),
+        (lambda path: path.write_bytes(b""), "its first line is not"),
+    ],
+    ids=["gone", "columns", "cut", "another iteration", "a short line", "a word", "bytes", "empty"],
+)
+def test_metrics_that_are_not_what_was_written_are_refused(tmp_path, damage, message):
+    folder = RunFolder(tmp_path, {})
+    chunk(folder, 0)
+    damage(tmp_path / "metrics.csv")
+    with pytest.raises(InputError, match=message):
+        folder.keep_metrics(4, LABELS)
+
+
+def test_the_mark_that_an_editor_adds_is_taken_away(tmp_path):
+    folder = RunFolder(tmp_path, {})
+    chunk(folder, 0)
+    path = tmp_path / "metrics.csv"
+    kept = path.read_bytes()
+    path.write_bytes(b"\xef\xbb\xbf" + kept)
+    folder.keep_metrics(4, LABELS)
+    assert path.read_bytes() == kept
+
+
+def test_a_chunk_with_other_columns_is_refused(tmp_path):
+    folder = RunFolder(tmp_path, {})
+    chunk(folder, 0)
+    with pytest.raises(InputError, match=r"has other columns than this training writes \(b, c\)"):
+        folder.append_metrics(2, 10, LABELS, {"a": np.zeros((2, 2)), "c": np.zeros((2, 2))})
 
 
 def test_a_folder_of_another_run_is_refused(tmp_path):

@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 from flax import struct
 
-from eairl_jax import Config, HParams, InputError, Lanes, LearnedReward, save_reward
+from eairl_jax import (
+    Algorithm,
+    Config,
+    Demonstrations,
+    Diverged,
+    HParams,
+    InputError,
+    Lanes,
+    LearnedReward,
+    RewardParams,
+    save_reward,
+)
 from eairl_jax.experiments.options import Transfer
 from eairl_jax.experiments.pipeline import run, stages
 from eairl_jax.experiments.pipeline.experiment import Reference, Rule, Target, Use, make_target, transfers
@@ -146,7 +157,7 @@ def test_a_saturated_discriminator_is_named(tmp_path, learned):
     accuracy = np.full((2, 4), 0.98)
     for iterations, names in ((0, []), (2, []), (3, ["seed 1"]), (4, ["seed 1"])):
         accuracy[1, :iterations] = 0.995
-        folder.keep_metrics(0)
+        folder.keep_metrics(0, [])
         folder.append_metrics(0, 1, [{"seed": 0}, {"seed": 1}], {"accuracy": accuracy})
         assert stages.saturated_lanes(folder, experiment) == names, iterations
 
@@ -196,8 +207,79 @@ def point(monkeypatch):
     recipe = Recipe(config, HParams(policy_lr=1e-3, std_final_fraction=0.5), 2, **training)
     monkeypatch.setattr(stages, "reward_function", lambda _config: pays)
     monkeypatch.setattr(stages, "SEARCH", Search(plans=256, repeats=4, updates=200, batch=64, lr=1e-2))
-    params = np.zeros((2, 1), np.float32)
+    params = RewardParams(np.zeros((2, 1), np.float32), None)
     return Target("point", Point(), recipe, Reference(1.0, 0.0)), LearnedReward({}, Config(), params)
+
+
+def test_the_temperature_belongs_to_a_learned_reward(point):
+    target, reward = point
+    hparams = dataclasses.replace(target.recipe.hparams, temperature=0.3)
+    target = dataclasses.replace(target, recipe=dataclasses.replace(target.recipe, hparams=hparams))
+    for each, expected in ((reward, 0.3), (None, 0.0)):
+        training = Training(target, each, [{"seed": 0}, {"seed": 1}], RETRAIN)
+        assert training.hparams(training.restarts(2)).temperature == expected
+
+
+@pytest.mark.parametrize(
+    ("learned", "kept"),
+    [("default", "fixed"), ("fixed", "fixed"), ("absorbing", "absorbing"), ("variable", "variable")],
+)
+def test_policies_are_trained_with_the_horizon_that_the_reward_knows(point, learned, kept):
+    """Where the reward was learned no episode could end ("default"); in the target one can."""
+    assert point[0].for_reward(Config(horizon=learned)).recipe.config.horizon == kept
+
+
+def test_plans_stay_with_the_reward_that_chose_them(tmp_path, point, monkeypatch):
+    target, reward = point
+    reward = LearnedReward({}, Config(), RewardParams(np.array([[5.0], [6.0]], np.float32), None))
+
+    def made_up(_env, _config, places, *_more):
+        """Policies that remember the number of their plan and the reward that chose it."""
+
+        def init(_key, _hparams):
+            return {"plan": jnp.arange(places), "reward": jnp.zeros(places)}
+
+        def step(state, _hparams, params):
+            number = params.params[0]
+            return state | {"reward": jnp.full(places, number)}, {"score": number}
+
+        return Algorithm(init, step, None)
+
+    monkeypatch.setattr(stages, "make_planner", made_up)
+    inner = stages.trials_folder(RunFolder(tmp_path, {}))
+    state = stages.planned(inner, Training(target, reward, [{"seed": 0}, {"seed": 1}], RETRAIN))
+    np.testing.assert_array_equal(state["plan"], [0, 0, 1, 1, 2, 2])
+    np.testing.assert_array_equal(state["reward"], [5, 6, 5, 6, 5, 6])
+
+
+class Short(Point):
+    """Ends at the first step."""
+
+    def step(self, state, action):
+        return super().step(state, action).replace(reward=jnp.zeros(()), done=jnp.ones(()))
+
+
+def test_policies_are_judged_with_the_absorbing_steps_that_their_reward_knows(point, monkeypatch):
+    """The reward is 1 in the absorbing state and 0 elsewhere: of ten steps nine are there."""
+    monkeypatch.setattr(stages, "reward_function", lambda _config: lambda _params, obs, _action: obs[..., -1] * 1.0)
+    target, reward = dataclasses.replace(point[0], env=Short()), point[1]
+    reward = LearnedReward({}, Config(horizon="absorbing"), reward.params)
+    training = Training(target, reward, [{"seed": 0}, {"seed": 1}], RETRAIN)
+    still = Algorithm(None, None, lambda _state, obs, _key: jnp.zeros((len(obs), 1)))
+    judged = stages.final_rewards(training, still, np.zeros((2, 1)), training.labels)
+    np.testing.assert_allclose(judged, [0.9, 0.9], rtol=1e-6)
+    steps = stages.random_steps(target.env, 4)
+    np.testing.assert_allclose(stages.rewards_of(training, steps), [0.9, 0.9], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("actions", "largest"), [("sampled", 0.5), ("clipped", 0.2)])
+def test_the_expert_is_judged_by_the_actions_that_the_reward_knows(point, actions, largest):
+    target, reward = point
+    rows = np.zeros((10, 1), np.float32)
+    demos = Demonstrations(rows, rows + 0.5, rows, rows[:, 0], rows[:, 0], np.array([10], np.int32))
+    reward = LearnedReward({}, Config(actions=actions), reward.params)
+    training = Training(dataclasses.replace(target, demos=demos), reward, [{"seed": 0}], RETRAIN)
+    np.testing.assert_allclose(stages.expert_steps(training)["action"], largest)
 
 
 @pytest.mark.parametrize(
@@ -212,11 +294,13 @@ def test_random_trials_go_on_before_others_and_of_either_kind_the_best(tmp_path,
     np.testing.assert_array_equal(stages.kept_trials(folder, recipe, 2), np.array(kept) * 2 + [0, 1])
 
 
-def test_what_pays_most_is_reached_though_it_is_far_and_the_true_reward_is_unknown(tmp_path, point):
+def test_what_pays_most_is_reached_though_it_is_far_and_the_true_reward_is_unknown(tmp_path, point, monkeypatch):
     target, reward = point
     folder = RunFolder(tmp_path, {})
+    with pytest.raises(Diverged, match="seed 0 has a true return of nan"):  # it is no score
+        score(folder, "point", target, reward, SEEDS)
+    monkeypatch.setattr(stages, "final_returns", lambda _env, _algorithm, _state, seeds: np.zeros((len(seeds), 1)))
     scored = score(folder, "point", target, reward, SEEDS)
-    assert np.isnan(scored.returns).all()
     assert scored.curves.shape == (2, 6)
     learned = worth(folder).policies
     assert learned.shape == (2, 2)

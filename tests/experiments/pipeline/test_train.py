@@ -1,9 +1,10 @@
 """A training goes on where it was killed, and stops at a NaN."""
 
 import numpy as np
+import pytest
 
-from eairl_jax import Checkpoints, Lanes
-from eairl_jax.experiments.pipeline import train
+from eairl_jax import Checkpoints, InputError, Lanes, lanes
+from eairl_jax.experiments.pipeline import policies, train
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 
 
@@ -45,6 +46,7 @@ def test_nan_stops_the_run_and_keeps_the_last_good_checkpoint(tmp_path, tiny, mo
         if (tmp_path / "run" / "snapshots" / "000002").exists():
             metrics["value_loss"] = metrics["value_loss"].copy()
             metrics["value_loss"][1, 1] = np.nan
+        lanes.refuse_not_finite(metrics)
         return state, metrics
 
     monkeypatch.setattr(Lanes, "run", poisoned)
@@ -52,6 +54,7 @@ def test_nan_stops_the_run_and_keeps_the_last_good_checkpoint(tmp_path, tiny, mo
     message = capsys.readouterr().err
     assert "value_loss" in message
     assert "iteration 4" in message
+    assert "seed 1" in message
     assert Checkpoints(tmp_path / "run" / "checkpoints").latest() == 2
 
 
@@ -67,3 +70,26 @@ def test_a_disk_that_fails_is_reported_and_nothing_is_lost(tmp_path, tiny, monke
     (tmp_path / "file").write_text("")
     assert imitate(tmp_path / "file" / "run", tiny) == 2
     assert "cannot write" in capsys.readouterr().err
+
+
+def test_a_damaged_checkpoint_is_made_again(finished, tmp_path, tiny, capsys, imitate):
+    """The newest checkpoint of a run is damaged: the run goes on from the one before, to the same bits."""
+    wanted = {name: (finished / name).read_bytes() for name in ("metrics.csv", "reward/reward.npz")}
+    for path in (finished / "checkpoints" / "4").rglob("manifest.ocdbt"):
+        path.write_bytes(b"")
+    with pytest.raises(InputError, match=r"last checkpoint .* \(4\) is damaged"):
+        policies.load(finished)
+    (finished / "summary.json").unlink()
+    (finished / "reward" / "reward.npz").unlink()
+    assert imitate(finished, tiny) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "the checkpoint of iteration 4 is damaged" in printed
+    assert "going on from iteration 2" in printed
+    assert {name: (finished / name).read_bytes() for name in wanted} == wanted
+
+
+def test_every_phase_and_every_seed_draws_other_random_numbers():
+    keys = [np.asarray(train.lane_keys(phase, seeds)) for phase in range(8) for seeds in ([0, 1, 2], [3])]
+    assert len(np.unique(np.concatenate(keys), axis=0)) == 8 * 4
+    # What the lanes beside a seed are does not matter.
+    np.testing.assert_array_equal(train.lane_keys(3, [7, 1])[1], train.lane_keys(3, [1])[0])
