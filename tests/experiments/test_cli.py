@@ -160,11 +160,11 @@ DECOYS = ("tyro", "rich", "jax", "numpy", "mujoco", "brax", "filelock", "matplot
 PLAIN = {"PYTHONIOENCODING": "ascii", "LANG": "C", "COLUMNS": "30", "NPROC": "4"}
 
 
-@pytest.mark.parametrize(
-    "options",
-    [["-m", "eairl_jax.experiments.cli"], ["-P", "-OO", "-c", "from eairl_jax.experiments import cli; cli.main()"]],
-    ids=["module", "optimised"],
-)
+MODULE = ["-m", "eairl_jax.experiments.cli"]
+OPTIMISED = ["-P", "-OO", "-c", "from eairl_jax.experiments import cli; cli.main()"]
+
+
+@pytest.mark.parametrize("options", [MODULE, OPTIMISED], ids=["module", "optimised"])
 def test_a_process_runs_nothing_of_the_current_folder_and_prints_on_any_terminal(options, tmp_path):
     """Thirty columns of ASCII, without docstrings and assertions, without a home."""
     for name in DECOYS:
@@ -193,7 +193,7 @@ def test_help_is_whole_on_any_terminal(tmp_path):
         assert all(command in done.stdout for command in COMMANDS)
 
 
-ODD = "run [/b] :x: $a$ <b> 'n' \u00e4.v1"
+ODD = "run [red] :x: $a$ <b> 'n' \u00e4.v1"
 
 
 def test_a_path_may_have_any_name(finished, tmp_path, run, capsys, monkeypatch):
