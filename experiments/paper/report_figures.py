@@ -14,8 +14,6 @@ from eairl_jax.experiments.paper.figures import learning_curves
 from eairl_jax.experiments.paper.report_tables import OverviewLine, Panel
 from eairl_jax.experiments.pipeline.run import Result
 
-MEASURES = ("epic", "rank correlation, expert", "rank correlation, policy", "rank correlation, random")
-
 
 def overview(panels: Sequence[Panel]) -> str:
     """Each method's score with its interval, beside the paper's score."""
@@ -92,12 +90,12 @@ def closeness(measured: Sequence[Result]) -> str:
     """Each seed's transfer score over the EPIC distance and the rank correlations of its reward, in the target."""
     if not measured:
         return ""
-    figure, axes = figure_of(1, len(MEASURES), (3.1, 3.0), "")
-    for axis, measure in zip(axes[0], MEASURES, strict=True):
+    figure, axes = figure_of(1, len(results.MEASURES), (3.1, 3.0), "")
+    for axis, measure in zip(axes[0], results.MEASURES, strict=True):
         for result in measured:
             values = np.array((result.closeness or {})["target"][measure], float)
             # One legend serves all panels, and all pairs of tasks.
-            is_first = result.task == measured[0].task and measure == MEASURES[0]
+            is_first = result.task == measured[0].task and measure == results.MEASURES[0]
             label = literal(results.title(result.name)) if is_first else None
             axis.plot(values, result.scores, "o", color=results.color(result.name), alpha=0.7, mec="none", label=label)
         axis.set_xlabel(f"{measure} (in the target)", fontsize=8)

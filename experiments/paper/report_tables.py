@@ -13,9 +13,6 @@ from eairl_jax.experiments.paper.figures import SHOWN
 from eairl_jax.experiments.paper.statistics import Estimate, interquartile_mean
 from eairl_jax.experiments.pipeline.run import Result
 
-WORTH = ("random", "expert", "retrained")
-"""Whose steps are compared by their mean learned reward."""
-
 
 class OverviewLine(NamedTuple):
     """A method in the overview.
@@ -97,11 +94,11 @@ def closeness(measured: Iterable[Result]) -> list[dict]:
 
 
 def worth(measured: Iterable[Result]) -> list[dict]:
-    """The mean learned reward of a step of `WORTH` in the target, for each result, as a mean over the seeds."""
+    """The mean learned reward of a step of `results.WORTH` in the target, for each result, as a mean over the seeds."""
     lines = []
     for result in measured:
         in_target = (result.closeness or {})["target"]
-        lines.append(_named(result) | {"worth": [_mean(in_target[f"worth, {who}"]) for who in WORTH]})
+        lines.append(_named(result) | {"worth": [_mean(in_target[f"worth, {who}"]) for who in results.WORTH]})
     return lines
 
 

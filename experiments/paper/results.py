@@ -44,6 +44,10 @@ COLORS = {
     "gail-sa": "C8",
     "eairl-s": "C9",
 }
+MEASURES = ("epic", *(f"rank correlation, {steps}" for steps in ("expert", "policy", "random")))
+"""How close a learned reward is to the true one."""
+WORTH = ("random", "expert", "retrained")
+"""Whose steps are compared by their mean learned reward."""
 RETRAIN = "+retrain_"
 """Stands in a result's name before a setting of retraining that differs from the recipe."""
 
@@ -75,7 +79,17 @@ def _row() -> schema.Schema:
     counts = dict.fromkeys(("iterations", "num_envs", "rollout_length"), schema.whole(1))
     floats = dict.fromkeys(("entropy_weight", "lambda_i"), schema.number())
     settings = schema.record({"config": schema.record(counts), "hparams": schema.record(floats)})
-    return schema.record({"expert": schema.number(), "settings": settings, "machine": records.MACHINE})
+    measures = dict.fromkeys((*MEASURES, *(f"worth, {who}" for who in WORTH)), schema.anything)
+    closeness = schema.optional(schema.record({"source": schema.anything, "target": schema.record(measures)}))
+    versions = schema.record({"versions": schema.record({"jax": schema.text})})
+    return schema.record(
+        {
+            "expert": schema.number(),
+            "settings": settings,
+            "machine": lambda value, place: versions(records.MACHINE(value, place), place),
+        },
+        {"closeness": closeness},
+    )
 
 
 def add(path: Path, result: Result) -> None:

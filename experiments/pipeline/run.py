@@ -150,7 +150,21 @@ class Result:
             raise InputError(f"{where} holds {len(result.returns)} returns, expected {expected}: {advice}")
         if result.expert is not None and result.expert == result.random:
             raise InputError(f"{where}: expert and random actions have one return, {result.random:g}: {advice}")
+        uneven = result.uneven_lists()
+        if uneven:
+            raise InputError(f"{where}: {uneven} has another length than the lists beside it: {advice}")
         return result
+
+    def uneven_lists(self) -> str:
+        """The name of a list that is shorter or longer than it must be; empty if there is none."""
+        curve = self.curve or {"env_steps": [], "true_return": []}
+        if any(len(values) != len(curve["env_steps"]) for values in curve["true_return"]):
+            return "curve.true_return"
+        for place, measures in (self.closeness or {}).items():
+            for name, values in measures.items():
+                if len(values) != len(self.seeds):
+                    return f"closeness.{place}.{name}"
+        return ""
 
 
 @functools.cache
