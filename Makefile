@@ -10,7 +10,7 @@ EXTRAS = minari,hf,hdf5
 MUTANTS ?=
 PHYSICS ?=
 
-.PHONY: help install demo test test-extras test-slow test-mutants test-physics lint docs release bench data clean
+.PHONY: help install demo test test-extras test-slow test-mutants test-physics test-repeats lint docs release bench data clean
 
 help:
 	@echo "make demo       learn a reward in the left maze, use it in the right one (the main job)"
@@ -19,6 +19,7 @@ help:
 	@echo "make test-slow  the tests that train to convergence"
 	@echo "make test-mutants  plants bugs, each of which a test must catch"
 	@echo "make test-physics  takes 10 million random steps in each task"
+	@echo "make test-repeats  compares runs that should be equal: repeated, in other chunks, on other devices"
 	@echo "make bench      what an iteration costs beside its simulation"
 	@echo "make data       train the experts and collect the shipped demonstrations anew"
 	@echo "make lint       ruff and pyright"
@@ -59,6 +60,9 @@ test-mutants: $(STAMP)
 
 test-physics: $(STAMP)
 	@$(BIN)/python tests/physics/random_steps.py $(PHYSICS)
+
+test-repeats: $(STAMP)
+	@$(BIN)/python tests/repeats/run.py
 
 bench: $(STAMP)
 	@$(BIN)/eairl bench point_maze_left

@@ -30,6 +30,18 @@ def test_a_killed_run_goes_on_bit_identically(finished, tmp_path, tiny, monkeypa
         np.testing.assert_array_equal(leaf, states[1][name], err_msg=name)
 
 
+def test_chunks_of_another_length_give_the_same_run(finished, tmp_path, tiny, imitate, metrics_lines):
+    """Up to rounding: programs of other lengths may add in another order."""
+    one_chunk = [setting.replace("snapshot_every=2", "snapshot_every=4") for setting in tiny]
+    assert one_chunk != list(tiny)
+    assert imitate(tmp_path / "one", one_chunk) == 0
+    two_chunks, one_chunk = metrics_lines(finished), metrics_lines(tmp_path / "one")
+    assert len(two_chunks) == len(one_chunk) == 8
+    for a, b in zip(two_chunks, one_chunk, strict=True):
+        values = [[float(value) for value in line.values()] for line in (a, b)]
+        np.testing.assert_allclose(*values, rtol=1e-2, atol=1e-3)
+
+
 def read_state(folder):
     """The last checkpoint's leaves."""
     import orbax.checkpoint as ocp
