@@ -17,6 +17,11 @@ from .lanes import Lanes as Lanes
 from .lanes import scan as scan
 from .methods import METHODS as METHODS
 from .rl import make_rl as make_rl
+from .saved_policy import LearnedPolicy as LearnedPolicy
+from .saved_policy import PolicyParams as PolicyParams
+from .saved_policy import load_policy as load_policy
+from .saved_policy import policy_params as policy_params
+from .saved_policy import save_policy as save_policy
 from .saved_reward import LearnedReward as LearnedReward
 from .saved_reward import load_reward as load_reward
 from .saved_reward import save_reward as save_reward

@@ -10,10 +10,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-
-import jax
+from typing import TYPE_CHECKING
 
 from eairl_jax.config import METHOD_DEFAULTS, Config, choose
+
+if TYPE_CHECKING:
+    import jax
 
 
 def airl_logit(f: jax.Array, log_prob: jax.Array) -> jax.Array:
@@ -33,6 +35,8 @@ def log_d_ratio(logit: jax.Array) -> jax.Array:
 
 def neg_log_one_minus_d(logit: jax.Array) -> jax.Array:
     """`-log(1 - D)`: the policy's reward in GAIL, always positive (Ho and Ermon 2016)."""
+    import jax  # here, because the table of methods is also read by programs without jax
+
     return jax.nn.softplus(logit)
 
 

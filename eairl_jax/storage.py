@@ -8,21 +8,24 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
-import jax
 import numpy as np
 
 from eairl_jax import schema, untrusted
 from eairl_jax.errors import InputError
 from eairl_jax.schema import Schema
-from eairl_jax.types import PyTree
+
+if TYPE_CHECKING:
+    from eairl_jax.types import PyTree
 
 REWRITE = "write the file again, with the command that made it"
 
 
 def named_leaves(tree: PyTree) -> dict[str, np.ndarray]:
     """The leaves of a pytree by their paths, for example "params/g/kernel"."""
+    import jax  # here, because files are also read by programs without jax
+
     paths, _ = jax.tree_util.tree_flatten_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(leaf) for path, leaf in paths}
 

@@ -13,7 +13,7 @@ from eairl_jax.experiments.display.console import Line, print_table, say
 from eairl_jax.experiments.display.plots import Curve, plot
 from eairl_jax.experiments.options import Expert
 from eairl_jax.experiments.paper import published
-from eairl_jax.experiments.pipeline import records
+from eairl_jax.experiments.pipeline import policies, records
 from eairl_jax.experiments.pipeline.experiment import checked_seeds, explain_defaults, make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.train import LEARN, RUNS, final_returns, lane_keys, train
@@ -49,6 +49,7 @@ def run(options: Expert, command_line: str) -> None:
         curve = Curve("true return", "", folder.curve("true_return", seeds), training.config.steps_per_iteration)
         plot(folder.path / "curves.png", f"Experts of {task}", [curve])
         folder.write_summary(summary)
+    policies.keep(folder.path)
     figures = [published.figure(table, task, "expert") for table in (published.IMITATION, published.TRANSFER)]
     lines = [
         Line("sampled policy", np.array(summary["returns"]), next(filter(None, figures), None)),

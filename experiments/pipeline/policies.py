@@ -9,13 +9,26 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from eairl_jax import Algorithm, Checkpoints, Config, HParams, InputError, Lanes, make_rl
+from eairl_jax import (
+    METHODS,
+    Algorithm,
+    Checkpoints,
+    Config,
+    HParams,
+    InputError,
+    Lanes,
+    LearnedPolicy,
+    make_rl,
+    policy_params,
+    save_policy,
+)
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.experiments.pipeline import records
 from eairl_jax.experiments.pipeline.experiment import make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import best_restarts, last_tenth, make_algorithm
 from eairl_jax.experiments.pipeline.train import take_lanes
+from eairl_jax.methods import with_method_defaults
 from eairl_jax.types import PyTree
 
 
@@ -29,6 +42,7 @@ class Policies:
       state: NumPy arrays `[seeds, ...]`.
       seeds: numbers of the seeds.
       settings: of the run.
+      config: of the networks, without values that the method decides.
     """
 
     task: str
@@ -37,10 +51,23 @@ class Policies:
     state: PyTree
     seeds: list[int]
     settings: dict
+    config: Config
 
     def lane(self, lane: int) -> PyTree:
         """The state of one policy, as jax arrays."""
         return jax.tree.map(lambda leaf: jax.numpy.asarray(leaf[lane]), self.state)
+
+    def learned(self) -> LearnedPolicy:
+        """The policies as an artefact, without their optimiser, environments and value function."""
+        description = {
+            "task": self.task,
+            "obs_size": self.env.observation_size,
+            "action_size": self.env.action_size,
+            "action_limit": self.env.action_limit,
+            "seeds": list(self.seeds),
+            "iterations": [self.config.iterations] * len(self.seeds),
+        }
+        return LearnedPolicy(description, self.config, policy_params(self.state))
 
 
 def load(path: Path) -> Policies:
@@ -60,13 +87,25 @@ def load(path: Path) -> Policies:
     env = make_env(task)
     is_imitation = "demonstrations" in settings and not is_transfer
     algorithm = make_algorithm(env, config) if is_imitation else make_rl(env, config)
+    if is_imitation and config.method in METHODS:
+        config = with_method_defaults(config)
     if not (path / "checkpoints" / str(config.iterations)).is_dir():
         raise InputError(f"{path} has lost its last checkpoint ({config.iterations}), which held its policies")
     restarts = settings.get("restarts", 1)
     state = _restore(path, algorithm, config, hparams, restarts * len(seeds))
     if restarts > 1:
         state = take_lanes(state, best_restarts(RunFolder(path, settings), restarts, len(seeds)))
-    return Policies(task, env, algorithm, state, seeds, settings)
+    return Policies(task, env, algorithm, state, seeds, settings, config)
+
+
+def keep(path: Path) -> None:
+    """Writes the policies of a finished run into its folder `policy/`.
+
+    Nothing happens if they are there, or if the run's checkpoints have been removed.
+    """
+    folder = path / "policy"
+    if not (folder / "policy.json").exists() and (path / "checkpoints").is_dir():
+        save_policy(folder, load(path).learned())
 
 
 def finished_settings(path: Path) -> dict:

@@ -17,7 +17,7 @@ import numpy as np
 from eairl_jax import InputError, LearnedReward, load_reward, save_reward, schema, storage
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.plots import Curve, plot, plot_sweep
-from eairl_jax.experiments.pipeline import records, stages
+from eairl_jax.experiments.pipeline import policies, records, stages
 from eairl_jax.experiments.pipeline.experiment import Experiment, Reference, Target, Use
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, machine, peak_memory_gb, settings_digest
 from eairl_jax.experiments.pipeline.train import final_returns
@@ -204,6 +204,8 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
         result = Result.from_json(content, f"{folder.path}/summary.json")
     if not (folder.path / "curves.png").exists():
         _draw(experiment, folder, result)
+    if not experiment.points and not (experiment.use and experiment.use.rule.kind == "policy"):
+        policies.keep(folder.path)
     return result
 
 
@@ -314,6 +316,7 @@ def reuse(saved_reward: Path, reward: LearnedReward, target: Target, out: Path, 
     folder.write_summary(result.to_json())
     title = f"{name}: {result.task} to {target.task}"
     plot(folder.path / "curves.png", title, [_retraining_curve(target, scored.curves, result.ceiling)])
+    policies.keep(folder.path)
     return result
 
 

@@ -29,13 +29,17 @@ from eairl_jax import (
     Config,
     Demonstrations,
     HParams,
+    LearnedPolicy,
     LearnedReward,
+    PolicyParams,
     RewardParams,
     demonstrations,
     discriminator,
     methods,
+    save_policy,
     save_reward,
 )
+from eairl_jax.actor_critic import ActorCritic
 from eairl_jax.experiments.pipeline import run as pipeline
 from eairl_jax.experiments.pipeline import train
 from eairl_jax.experiments.pipeline.experiment import Experiment, Reference, Source, make_env, shipped_demonstrations
@@ -51,6 +55,11 @@ FORMS = {
     "quadratic": {"reward_form": "separable", "action_part": "quadratic"},
     "absorbing": {"reward_form": "sa", "method": "airl_sa", "horizon": "absorbing"},
     "raw": {"reward_form": "sa", "method": "gail", "reward_obs": "raw"},
+}
+POLICIES = {
+    "plain": {},
+    "stds": {"state_dependent_std": True, "policy_activation": "tanh"},
+    "absorbing": {"horizon": "absorbing"},
 }
 SIZES = {
     "num_envs": 2, "rollout_length": 50, "iterations": 4, "episode_length": 200, "hidden": (4,), "policy_hidden": (4,),
@@ -95,6 +104,28 @@ def make_rewards(folder: Path) -> None:
         expected[name] = np.stack([reward(expected["obs"], expected["action"], lane) for lane in range(len(SEEDS))])
         if config.horizon == "absorbing":
             expected["after_end"] = np.array([reward.after_end(lane) for lane in range(len(SEEDS))])
+    np.savez(folder / "expected.npz", **expected)
+
+
+def make_policies(folder: Path) -> None:
+    """A saved policy of each form, with inputs and mean actions."""
+    rng = np.random.default_rng(1)
+    expected = {"obs": rng.normal(1, 2, (7, OBS)).astype(np.float32)}
+    for name, changes in POLICIES.items():
+        config = Config(episode_length=10, policy_hidden=(5, 4), **changes)
+        size = OBS + (config.horizon == "absorbing")
+        networks, params = ActorCritic.build(ACTION, config, 1.0), []
+        for seed in SEEDS:
+            actor = networks.actor.init(jax.random.PRNGKey(seed), np.zeros(size))
+            drawn = jax.tree.map(lambda x: (x + rng.normal(0, 0.1, x.shape)).astype(np.float32), actor)
+            stats = rng.normal(size=size), rng.uniform(0.5, 2.0, size), np.array(40.0)
+            stats = ObsStats(*(np.asarray(x, np.float32) for x in stats))
+            params.append(PolicyParams(drawn, np.float32(-0.5), stats))
+        stacked = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *params)
+        described = {"task": "toy", "obs_size": OBS, "action_size": ACTION, "action_limit": 1.0, "seeds": list(SEEDS)}
+        policy = LearnedPolicy(described, config, stacked)
+        save_policy(folder / name, policy)
+        expected[name] = np.stack([policy(expected["obs"], seed=lane) for lane in range(len(SEEDS))])
     np.savez(folder / "expected.npz", **expected)
 
 
@@ -146,6 +177,7 @@ def main(name: str) -> None:
     if folder.exists():
         sys.exit(f"{folder} exists: its files stand for those that users have, and are never made again")
     make_rewards(folder / "rewards")
+    make_policies(folder / "policies")
     make_demonstrations(folder / "demonstrations")
     make_runs(folder)
     versions = {"eairl_jax": __version__, "numpy": np.__version__, "jax": jax.__version__, "jaxlib": jaxlib.__version__}

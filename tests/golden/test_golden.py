@@ -17,7 +17,7 @@ import jax
 import numpy as np
 import pytest
 
-from eairl_jax import Checkpoints, demonstrations, learned_reward, load_reward
+from eairl_jax import Checkpoints, demonstrations, learned_reward, load_policy, load_reward
 from eairl_jax.experiments.pipeline import policies, run, stages
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.train import final_returns
@@ -51,6 +51,17 @@ def test_a_saved_reward_gives_what_it_gave(golden, form):
         if after_end is not None:
             check(reward.after_end(lane), after_end[lane], REWARD)
     assert np.abs(values[0] - values[1]).max() > 0.01
+
+
+@pytest.mark.parametrize("form", MAKE["POLICIES"])
+def test_a_saved_policy_acts_as_it_did(golden, form):
+    with np.load(golden / "policies" / "expected.npz") as expected:
+        obs, actions = expected["obs"], expected[form]
+    policy = load_policy(golden / "policies" / form)
+    for lane, action in enumerate(actions):
+        check(policy(obs, seed=lane), action, REWARD)
+        check(policy.numpy(lane)(obs), action, REWARD)
+    assert np.std(actions) > 0.1
 
 
 @pytest.mark.parametrize("name", ["format1", "format2", "ragged"])

@@ -43,7 +43,8 @@ def test_transfer_scores_a_chosen_reward(tmp_path, tiny, capsys, run, retrain_se
 @pytest.mark.slow
 def test_every_method_moves_its_reward_to_the_crippled_ant(tmp_path, tiny, run, retrain_settings):
     arguments = ["transfer", "ant", "crippled_ant", "--method", *METHODS, "--seeds", 1, "--restarts", 1]
-    settings = ["--set", *tiny, "rollout_length=500", "--retrain-set", *retrain_settings]
+    longer = [s for s in tiny if not s.startswith("rollout_length")]
+    settings = ["--set", *longer, "rollout_length=500", "--retrain-set", *retrain_settings]
     assert run(*arguments, "--rule", "last", "--out", tmp_path, *settings) == 0
     folders = list(tmp_path.glob("transfer-ant-to-crippled_ant-*"))
     assert len(folders) == len(METHODS)
