@@ -5,17 +5,22 @@ BIN = $(VENV)/bin
 STAMP = $(VENV)/.installed
 
 EXTRAS = minari,hf,hdf5
+# jax2onnx asks for an older orbax-checkpoint than ours, so it has an environment of its own.
+ONNX_VENV = $(VENV)-onnx
+ONNX_STAMP = $(ONNX_VENV)/.installed
 
 # Options of tests/mutants/run.py and tests/physics/random_steps.py, e.g. MUTANTS="--shard 1/4" PHYSICS="--task ant".
 MUTANTS ?=
 PHYSICS ?=
 
-.PHONY: help install demo test test-extras test-slow test-mutants test-physics test-repeats lint docs release bench data clean
+.PHONY: help install demo test test-extras test-onnx onnx test-slow test-mutants test-physics test-repeats lint docs release bench data clean
 
 help:
 	@echo "make demo       learn a reward in the left maze, use it in the right one (the main job)"
 	@echo "make test       the fast tests"
 	@echo "make test-extras  the tests of Minari, HuggingFace and HDF5, which it installs"
+	@echo "make onnx       an environment for eairl export --format onnx: $(ONNX_VENV)/bin/eairl"
+	@echo "make test-onnx  the tests of ONNX, in that environment"
 	@echo "make test-slow  the tests that train to convergence"
 	@echo "make test-mutants  plants bugs, each of which a test must catch"
 	@echo "make test-physics  takes 10 million random steps in each task"
@@ -49,6 +54,20 @@ test-extras: $(STAMP)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[test,$(EXTRAS)]"
 	@echo "== the tests that need them"
 	@$(BIN)/python -m pytest -m extras -n 2 --dist loadfile
+
+$(ONNX_STAMP): pyproject.toml constraints.txt
+	@echo "== making a virtual environment in $(ONNX_VENV)"
+	@$(PYTHON) -m venv $(ONNX_VENV)
+	@$(ONNX_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[test,onnx]"
+	@$(ONNX_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps jax2onnx==0.17.0
+	@touch $(ONNX_STAMP)
+	@echo "== installed"
+
+onnx: $(ONNX_STAMP)
+
+test-onnx: $(ONNX_STAMP)
+	@echo "== the tests of ONNX"
+	@$(ONNX_VENV)/bin/python -m pytest -m onnx
 
 test-slow: $(STAMP)
 	@echo "== the tests that train to convergence"
@@ -94,4 +113,4 @@ release: $(STAMP)
 	$(BIN)/python tools/release.py
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info
+	rm -rf $(VENV) $(ONNX_VENV) build dist *.egg-info

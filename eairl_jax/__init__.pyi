@@ -8,6 +8,7 @@ from .errors import Diverged as Diverged
 from .errors import InputError as InputError
 from .evaluation import evaluate as evaluate
 from .evaluation import random_policy as random_policy
+from .exported import export as export
 from .hparams import HParams as HParams
 from .irl import RewardParams as RewardParams
 from .irl import learned_reward as learned_reward

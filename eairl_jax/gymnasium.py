@@ -12,6 +12,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
+from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import VectorEnv, VectorWrapper
 
 from eairl_jax import artefacts, numpy_nets
@@ -22,7 +23,7 @@ TRUE_REWARD = "true_reward"
 """The entry of `info` with the reward that the learned one replaces."""
 
 
-class LearnedReward(gymnasium.Wrapper):
+class LearnedReward(gymnasium.Wrapper, RecordConstructorArgs):
     """Replaces the reward of an environment by a learned one. `info["true_reward"]` keeps the environment's own.
 
     Args:
@@ -42,7 +43,8 @@ class LearnedReward(gymnasium.Wrapper):
             raise InputError("env is a vector environment: use eairl_jax.gymnasium.VectorLearnedReward")
         if not isinstance(env, gymnasium.Env):
             raise InputError(f"env is {shown(env)}: expected a gymnasium.Env")
-        super().__init__(env)
+        RecordConstructorArgs.__init__(self, reward=reward, seed=seed, gamma=gamma)
+        gymnasium.Wrapper.__init__(self, env)
         self._pay = _Payment(reward, seed, gamma, env.observation_space, env.action_space)
         self._obs = np.zeros(0)
 

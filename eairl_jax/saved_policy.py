@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -64,14 +66,17 @@ class LearnedPolicy:
         limit = float(description.get("action_limit", 1.0))
         networks = ActorCritic.build(description["action_size"], config, limit)
 
-        def act(params: PolicyParams, obs: jax.Array, key: Key | None = None) -> jax.Array:
+        def act(params: PolicyParams, obs: jax.Array, noise: jax.Array | None = None) -> jax.Array:
             obs = horizon.living(obs, params.obs_stats.mean.shape[-1])
             obs = normalize.normalize(params.obs_stats, obs)
             pi = networks.pi(params.actor, params.log_std_offset, obs)
-            action = pi.mean if key is None else pi.sample(jax.random.normal(key, pi.mean.shape))
-            return jnp.clip(action, -limit, limit)
+            return jnp.clip(pi.mean if noise is None else pi.sample(noise), -limit, limit)
 
-        self._compiled = Compiled(params, act)
+        def act_or_sample(params: PolicyParams, obs: jax.Array, key: Key | None = None) -> jax.Array:
+            shape = (*obs.shape[:-1], description["action_size"])
+            return act(params, obs, None if key is None else jax.random.normal(key, shape))
+
+        self._act, self._compiled = act, Compiled(params, act_or_sample)
 
     def __call__(self, obs: jax.Array, key: Key | None = None, seed: int = 0) -> jax.Array:
         """Actions `[..., act]` for raw observations `[..., obs]`, within the task's bounds.
@@ -89,6 +94,21 @@ class LearnedPolicy:
         )
         keys = () if key is None else (arguments.one_key(key),)
         return self._compiled(self._row(seed), obs, *keys)
+
+    def function(self, seed: int = 0) -> Callable[[jax.Array, jax.Array], jax.Array]:
+        """The policy of one seed as a pure function, to be traced into a program.
+
+        Its arguments are observations `[..., obs]` and noise `[..., act]`: zeros for the mean action, draws from a
+        standard normal distribution for a sample. It checks no shapes.
+
+        Args:
+          seed: the position of the seed in the run, from 0.
+
+        Raises:
+          InputError: if the run had fewer seeds.
+        """
+        params = jax.tree.map(lambda leaf: jnp.asarray(leaf)[self._row(seed)], self.params)
+        return functools.partial(self._act, params)
 
     def numpy(self, seed: int = 0) -> numpy_nets.Policy:
         """The policy of one seed, computed by NumPy alone: the fastest way to act one step at a time.

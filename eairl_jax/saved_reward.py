@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,25 @@ class LearnedReward:
         params = jax.tree.map(lambda leaf: jnp.asarray(leaf)[self._row(seed)], self.params)
         obs = horizon.absorb(jnp.zeros(self.description["obs_size"]), jnp.ones(()))
         return float(self._function(params, obs, jnp.zeros(self.description["action_size"])))
+
+    def function(self, seed: int = 0) -> Callable[[jax.Array, jax.Array], jax.Array]:
+        """The reward of one seed as a pure function of `[..., obs]` and `[..., act]`, to be traced into a program.
+
+        Unlike a call it clips actions itself, if the reward was learned of clipped ones, and checks no shapes.
+
+        Args:
+          seed: the position of the seed in the run, from 0.
+
+        Raises:
+          InputError: if the run had fewer seeds.
+        """
+        params = jax.tree.map(lambda leaf: jnp.asarray(leaf)[self._row(seed)], self.params)
+        limit = self.description.get("action_limit", 1.0) if self.config.actions == "clipped" else None
+
+        def reward(obs: jax.Array, action: jax.Array) -> jax.Array:
+            return self._function(params, obs, action if limit is None else jnp.clip(action, -limit, limit))
+
+        return reward
 
     def numpy(self, seed: int = 0) -> numpy_nets.Reward:
         """The reward of one seed, computed by NumPy alone: the fastest way to judge one step at a time.

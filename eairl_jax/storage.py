@@ -95,8 +95,13 @@ def unsealed(content: dict, where: Path | str, arrays: Mapping[str, np.ndarray] 
 
 def write_json(path: Path, content: dict) -> None:
     """Writes JSON atomically: a reader finds the old file or the new file, never a part of one."""
+    write_bytes(path, (json.dumps(content, indent=2) + "\n").encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Writes a file atomically."""
     unfinished = path.with_name(path.name + ".part")
-    unfinished.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    unfinished.write_bytes(content)
     os.replace(unfinished, path)
 
 

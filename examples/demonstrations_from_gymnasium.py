@@ -5,7 +5,7 @@
     eairl demos half_cheetah --from minari:half_cheetah/gymnasium-v0 --to demos/from_gymnasium.npz
     eairl imitate half_cheetah --method gail --tuned --demos demos/from_gymnasium.npz
 
-Gymnasium simulates in MuJoCo's C engine, one environment at a time: 20 episodes take about a minute. Any other policy
+Gymnasium simulates in MuJoCo's C engine, one environment at a time: 20 episodes take seconds. Any other policy
 can stand in place of the run's. Needs `pip install "eairl-jax[minari]"`.
 """
 
@@ -13,30 +13,25 @@ import sys
 from pathlib import Path
 
 import gymnasium
-import jax
 import minari
 import numpy as np
 
-from eairl_jax.experiments.pipeline import policies
+from eairl_jax.gymnasium import Policy
 
 STEPS = 500  # the time limit of our half_cheetah
 run, name = Path(sys.argv[1]), sys.argv[2]
 episodes = int(sys.argv[3]) if len(sys.argv) > 3 else 20
 
-trained = policies.load(run)
-state = trained.lane(0)
-act = jax.jit(lambda obs, key: trained.algorithm.act(state, obs, key))
-
+policy = Policy(run / "policy")
 env = minari.DataCollector(gymnasium.make("HalfCheetah-v5", max_episode_steps=STEPS))
-returns, key = np.zeros(episodes), jax.random.PRNGKey(0)
+returns = np.zeros(episodes)
 for episode in range(episodes):
     obs, _ = env.reset(seed=episode)
     for _ in range(STEPS):
-        key, action_key = jax.random.split(key)
-        action = np.clip(act(obs.astype(np.float32), action_key), -1.0, 1.0)
+        action, _ = policy.predict(obs)
         obs, reward, terminated, truncated, _ = env.step(action)
         returns[episode] += reward
     assert truncated
     assert not terminated
-env.create_dataset(name, algorithm_name=f"eairl_jax {trained.settings['config']['method']}")
+env.create_dataset(name, algorithm_name="eairl_jax")
 print(f"{episodes} episodes in minari:{name}, return {returns.mean():.1f} ± {returns.std():.1f}")

@@ -310,6 +310,26 @@ class Evaluate:
 
 
 @dataclass(frozen=True)
+class Export:
+    """Write the learned reward and the policy of a run as programs that need none of this library.
+
+    StableHLO runs wherever jax runs: on CPU, CUDA, ROCm and TPU. ONNX runs in onnxruntime: in C++, in a browser, on a
+    robot. The normaliser and the clipping of actions are inside. A JSON beside each program says how to call it.
+    """
+
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a finished run.")]
+    out: Annotated[Path, arg(metavar="DIR", help="Folder to write into.")]
+    what: Annotated[
+        tuple[Literal["reward", "policy"], ...],
+        explained(help="Default: what the run holds. An expert has no learned reward."),
+    ] = ()
+    format: Annotated[tuple[Literal["stablehlo", "onnx"], ...], arg(help="ONNX needs jax2onnx (`make onnx`).")] = (
+        "stablehlo",
+    )
+    seed: Annotated[int | None, explained(help="A seed of the run. Default: the run's first.")] = None
+
+
+@dataclass(frozen=True)
 class Diagnose:
     """Say of a finished transfer whether its learned reward is mistaken, or the training on it was not good enough.
 
@@ -364,6 +384,7 @@ COMMANDS = {
     "reproduce": Reproduce,
     "report": Report,
     "evaluate": Evaluate,
+    "export": Export,
     "diagnose": Diagnose,
     "view": View,
     "bench": Bench,

@@ -46,9 +46,10 @@ def counted(n):
     return np.full(4, n, np.float32)
 
 
-@pytest.mark.filterwarnings("ignore:.*spec is not specified:UserWarning", "ignore:.*render:UserWarning")
+@pytest.mark.filterwarnings("ignore::UserWarning")  # advice on spaces, rendering, and the use of wrappers
 def test_gymnasiums_own_check_passes():
     check_env(LearnedReward(Copies(), SA), skip_render_check=True)
+    check_env(LearnedReward(gymnasium.make("Pendulum-v1"), GOLDEN / "finished" / "reward"), skip_render_check=True)
 
 
 def test_a_step_is_paid_by_its_observation_before_and_its_action():
@@ -61,7 +62,9 @@ def test_a_step_is_paid_by_its_observation_before_and_its_action():
         assert info == {"key": 1, "true_reward": 7.0}
 
 
-@pytest.mark.parametrize("given", [ABSORBING, str(ABSORBING), load_reward, numpy_nets.load_reward], ids=str)
+@pytest.mark.parametrize(
+    "given", [ABSORBING, str(ABSORBING), load_reward, numpy_nets.load_reward], ids=["path", "text", "jax", "NumPy"]
+)
 def test_an_end_is_paid_what_the_absorbing_state_is_worth(given):
     reward = numpy_nets.load_reward(ABSORBING)
     env = LearnedReward(Counter(), given(ABSORBING) if callable(given) else given, gamma=0.9)
