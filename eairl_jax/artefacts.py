@@ -19,7 +19,7 @@ import numpy as np
 from eairl_jax import arguments, schema, storage
 from eairl_jax.config import Config
 from eairl_jax.errors import InputError
-from eairl_jax.methods import METHODS, with_method_defaults
+from eairl_jax.methods import BUILT_IN, METHODS, with_method_defaults
 from eairl_jax.schema import shown
 
 FORMAT = 1
@@ -130,8 +130,11 @@ def write(directory: Path, kind: Kind, contents: Contents) -> None:
     Raises:
       InputError: if `read` would refuse them.
     """
+    config = contents.config
+    if kind is REWARD and config.method not in BUILT_IN:
+        config = with_method_defaults(config)  # a program that reads the file does not know what the defaults are
     version = {"kind": kind.title, "format": FORMAT}
-    content = version | contents.description | {"config": dataclasses.asdict(contents.config)}
+    content = version | contents.description | {"config": dataclasses.asdict(config)}
     content = storage.as_json(content, schema.table_of(schema.anything), "the description")
     description, config = _checked_description(content, kind, "the description")
     _check_arrays(contents.arrays, description, config, kind, "params")

@@ -142,10 +142,9 @@ def input_sparsity(params: PyTree, samples: Samples, config: Config) -> jax.Arra
 
 
 def loss(params: PyTree, expert: Samples, policy: Samples, hparams: HParams, config: Config):
-    """Binary cross-entropy with the label 1 for the expert (Eq. 10, whose signs are wrong in print), plus penalties.
+    """The method's loss, plus penalties.
 
-    `-log D = softplus(-logit)` for the expert, `-log(1 - D) = softplus(logit)` for the policy. The logit of a
-    trajectory is the sum of the logits of its transitions (Finn et al. 2016).
+    The logit of a trajectory is the sum of the logits of its transitions (Finn et al. 2016).
 
     Returns:
       `(loss [], metrics)`.
@@ -154,14 +153,13 @@ def loss(params: PyTree, expert: Samples, policy: Samples, hparams: HParams, con
     both = jax.tree.map(lambda e, p: jnp.concatenate([e, p]), expert, policy)
     logit = logit_expert_high(params, both, shaping_discount(hparams, config), config).sum(axis=-1)
     expert_logit, policy_logit = jnp.split(logit, [expert.obs.shape[0]])
-    cross_entropy = 0.5 * (jax.nn.softplus(-expert_logit).mean() + jax.nn.softplus(policy_logit).mean())
+    total = METHODS[config.method].loss(expert_logit, policy_logit)
     metrics = {
-        "discriminator_loss": cross_entropy,
+        "discriminator_loss": total,
         "accuracy_expert": (expert_logit > 0).mean(),
         "accuracy_policy": (policy_logit < 0).mean(),
         "saturated": (jnp.abs(logit) > SATURATED_LOGIT).mean(),
     }
-    total = cross_entropy
     if "gradient" in config.penalties:
         total += hparams.gradient_penalty * gradient_penalty(params, expert, policy, config)
     if "action_variance" in config.penalties:

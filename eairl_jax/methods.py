@@ -1,8 +1,8 @@
 """How the adversarial methods differ: one `Method` for each.
 
 Every method computes one number for each transition, `logit = log D - log(1 - D)`, which is high for the expert. The
-discriminator's loss is the binary cross-entropy of the logit, or of its sum over a trajectory. The policy's reward is a
-function of the logit.
+discriminator's loss is a function of the logits, or of their sums over trajectories: for all methods of this file the
+binary cross-entropy. The policy's reward is a function of the logit.
 """
 
 from __future__ import annotations
@@ -40,6 +40,21 @@ def neg_log_one_minus_d(logit: jax.Array) -> jax.Array:
     return jax.nn.softplus(logit)
 
 
+def cross_entropy(expert_logit: jax.Array, policy_logit: jax.Array) -> jax.Array:
+    """Binary cross-entropy `[]` of logits `[batch]` with the label 1 for the expert (Eq. 10, whose signs are wrong).
+
+    `-log D = softplus(-logit)` for the expert, `-log(1 - D) = softplus(logit)` for the policy.
+    """
+    import jax
+
+    return 0.5 * (jax.nn.softplus(-expert_logit).mean() + jax.nn.softplus(policy_logit).mean())
+
+
+def wasserstein(expert_logit: jax.Array, policy_logit: jax.Array) -> jax.Array:
+    """`E_policy logit - E_expert logit`, `[]`: a critic's loss (Arjovsky et al. 2017). It needs `gradient_penalty`."""
+    return policy_logit.mean() - expert_logit.mean()
+
+
 @dataclass(frozen=True)
 class Method:
     """One adversarial method.
@@ -56,6 +71,8 @@ class Method:
     """`logit -> reward` that the policy is trained on."""
     reward_form: str
     shaping: str
+    loss: Callable[[jax.Array, jax.Array], jax.Array] = cross_entropy
+    """`(logits [batch] of the expert, logits [batch] of the policy) -> loss []` of the discriminator."""
     empowerment: bool = False
     """Whether l_I regularises the policy. q and Phi are then trained even if Phi does not shape the reward."""
     discriminates: str = "transitions"
@@ -133,6 +150,9 @@ METHODS: dict[str, Method] = {
 }
 
 
+BUILT_IN = frozenset(METHODS)
+"""The methods that every program with this library has. Others come from a user's code."""
+
 STATE_ONLY_ADVICE = "choose --method gaifo, or --method gail --reward-form s"
 
 
@@ -151,9 +171,13 @@ def method_names() -> tuple[str, ...]:
 def with_method_defaults(config: Config) -> Config:
     """The configuration with the method's value in place of every "default".
 
+    A configuration without a "default" stays as it is, even if its method is known in another program only.
+
     Raises:
       InputError: if no adversarial method has the name `config.method`.
     """
+    if not any(getattr(config, name) == "default" for name in METHOD_DEFAULTS):
+        return config
     choose("method", config.method, METHODS)
     method = METHODS[config.method]
     defaults = {name: getattr(method, name) for name in METHOD_DEFAULTS if getattr(config, name) == "default"}

@@ -130,15 +130,28 @@ def _from_playground(name: TaskName) -> Task:
 
 
 def _from_code(name: TaskName) -> Task:
+    factory = user_object(name, callable, "function")
+    return _adapted(f"{name.place}:{name.name}", factory, name.arguments, _parameters(factory))
+
+
+def user_object(name: TaskName, fits: Callable[[Any], bool], kind: str) -> Any:
+    """What a name of a user's code stands for: `FILE.py:NAME` or `MODULE:NAME`.
+
+    Args:
+      fits: whether an object is of the kind.
+      kind: what is expected, for the error message.
+
+    Raises:
+      TaskError: if the code cannot be loaded, or holds no such object of the kind.
+    """
     module = _load_file(Path(name.place)) if name.origin == names.FILE else _load_module(name.place)
-    shown = f"{name.place}:{name.name}"
-    factory = getattr(module, name.name, None)
-    if not callable(factory):
-        functions = [key for key, value in vars(module).items() if inspect.isroutine(value) or inspect.isclass(value)]
-        nearest = difflib.get_close_matches(name.name, functions, n=3, cutoff=0.3)
+    found = getattr(module, name.name, None)
+    if not fits(found):
+        others = [key for key, value in vars(module).items() if fits(value)]
+        nearest = difflib.get_close_matches(name.name, others, n=3, cutoff=0.3)
         hint = f"; did you mean {', '.join(nearest)}?" if nearest else ""
-        raise UnknownTask(f"{name.place} has no function {name.name}{hint}")
-    return _adapted(shown, factory, name.arguments, _parameters(factory))
+        raise UnknownTask(f"{name.place} has no {kind} {name.name}{hint}")
+    return found
 
 
 MAKERS: MappingProxyType[str, Callable[[TaskName], Task]] = MappingProxyType(
@@ -257,7 +270,7 @@ def _load_file(path: Path) -> ModuleType:
     full = _existing(path)
     if full is None:
         raise UnknownTask(
-            f"no file {path} in {Path.cwd()}: a task's path is seen from the current folder; run the command in the "
+            f"no file {path} in {Path.cwd()}: the path is seen from the current folder; run the command in the "
             "folder in which the path is right, or give the whole path"
         )
     # Under a name of its own, which classes of the file need; a file is run again when it has changed.

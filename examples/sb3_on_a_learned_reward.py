@@ -4,7 +4,8 @@
     python examples/sb3_on_a_learned_reward.py runs/pendulum/reward [STEPS]
 
 Each of three seeds takes about a minute for each reward. Needs `pip install "eairl-jax[sb3]"`. The settings of PPO are
-those that RL Baselines3 Zoo gives for this task.
+those that RL Baselines3 Zoo gives for this task, but for gamma and the scale of the rewards. The Zoo's gamma, 0.9, suits
+the true reward, which grows on every step of the way up. A learned reward need not: it was learned with gamma 0.99.
 """
 
 import sys
@@ -14,11 +15,12 @@ import numpy as np
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import VecNormalize
 
 from eairl_jax.gymnasium import LearnedReward
 
 folder, steps = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 100_000
-SETTINGS = {"gamma": 0.9, "learning_rate": 1e-3, "n_steps": 1024, "use_sde": True, "sde_sample_freq": 4}
+SETTINGS = {"gamma": 0.99, "learning_rate": 1e-3, "n_steps": 1024, "use_sde": True, "sde_sample_freq": 4}
 
 
 def pendulum(reward=None, seed=0):
@@ -30,6 +32,7 @@ def pendulum(reward=None, seed=0):
 def true_return(reward, seed):
     """Mean true return of 50 episodes of a policy that PPO trained."""
     env = make_vec_env(pendulum, 4, seed=seed, env_kwargs={"reward": reward, "seed": seed})
+    env = VecNormalize(env, norm_obs=False, gamma=SETTINGS["gamma"])  # learned rewards have a scale of their own
     policy = PPO("MlpPolicy", env, seed=seed, device="cpu", **SETTINGS).learn(steps)
     return evaluate_policy(policy, make_vec_env(pendulum, 10, seed=1000 + seed), 50)[0]
 

@@ -35,8 +35,8 @@ Methods = Annotated[
     tuple[str, ...],
     arg(
         metavar="NAME",
-        help="One or more of eairl, eairl_release, airl_sa, airl_s, gail, gaifo, gan_gcl, bc (to imitate); each method "
-        "gets a line in the table.",
+        help="One or more of eairl, eairl_release, airl_sa, airl_s, gail, gaifo, gan_gcl, bc (to imitate), "
+        "or FILE.py:NAME for a method of yours; each method gets a line in the table.",
     ),
 ]
 Forms = Annotated[
@@ -185,7 +185,7 @@ class Sweep:
     """
 
     task: Task
-    method: Annotated[str, arg(metavar="NAME", help="One method.")] = "eairl"
+    method: Annotated[str, arg(metavar="NAME", help="One method, as in `eairl imitate`.")] = "eairl"
     reward_form: Annotated[str, arg(metavar="FORM", help="sa, s, separable or default.")] = "default"
     seeds: Seeds = 5
     first_seed: FirstSeed = 0

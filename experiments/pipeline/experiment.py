@@ -20,14 +20,14 @@ import jax
 import numpy as np
 
 from eairl_jax import Demonstrations, HParams, InputError, demonstrations, envs, evaluate, horizon, random_policy
-from eairl_jax.config import Config, choose
+from eairl_jax.config import Config
 from eairl_jax.discriminator_data import check_segments
 from eairl_jax.environment import check_env
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.console import say
 from eairl_jax.experiments.options import Bench, Imitate, Sweep, Transfer
-from eairl_jax.experiments.pipeline import records
+from eairl_jax.experiments.pipeline import records, user_methods
 from eairl_jax.experiments.settings import (
     GROUPS,
     TRIALS,
@@ -38,7 +38,7 @@ from eairl_jax.experiments.settings import (
     recipe,
     refuse_unread,
 )
-from eairl_jax.methods import METHODS, STATE_ONLY_ADVICE, method_names, needs_expert_actions, with_method_defaults
+from eairl_jax.methods import METHODS, STATE_ONLY_ADVICE, needs_expert_actions, with_method_defaults
 from eairl_jax.schema import LARGEST_SEED, shown
 
 SCORE_EPISODES = 500
@@ -257,7 +257,7 @@ class Experiment:
     @property
     def learning_name(self) -> str:
         """Method, reward form and variant: "eairl-separable", "eairl-sa+lambda_i=0", "bc"."""
-        method = self.config.method
+        method = file_name(self.config.method)
         name = f"{method}-{with_method_defaults(self.config).reward_form}" if self.has_reward else method
         return f"{name}+{self.variant}" if self.variant else name
 
@@ -412,7 +412,7 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
     overrides = parse_overrides((f"optimizer={getattr(options, 'optimizer', 'ppo')}", *options.set))
     env = make_env(task)
     for method in options.method:
-        choose("method", method, method_names())
+        user_methods.register(method)
     source = _source(task, env, options.demos)
     recipes = [
         recipe(

@@ -10,7 +10,6 @@ import jax
 import numpy as np
 
 from eairl_jax import (
-    METHODS,
     Algorithm,
     Checkpoints,
     Config,
@@ -23,7 +22,7 @@ from eairl_jax import (
     save_policy,
 )
 from eairl_jax.envs.mjx_task import Task
-from eairl_jax.experiments.pipeline import records
+from eairl_jax.experiments.pipeline import records, user_methods
 from eairl_jax.experiments.pipeline.experiment import make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import best_restarts, last_tenth, make_algorithm
@@ -86,8 +85,10 @@ def load(path: Path) -> Policies:
     seeds = list(range(seeds)) if isinstance(seeds, int) else seeds
     env = make_env(task)
     is_imitation = "demonstrations" in settings and not is_transfer
+    if is_imitation:
+        user_methods.register(config.method)
     algorithm = make_algorithm(env, config) if is_imitation else make_rl(env, config)
-    if is_imitation and config.method in METHODS:
+    if is_imitation and config.method != "bc":
         config = with_method_defaults(config)
     if not (path / "checkpoints" / str(config.iterations)).is_dir():
         raise InputError(f"{path} has lost its last checkpoint ({config.iterations}), which held its policies")

@@ -291,7 +291,7 @@ def reuse(saved_reward: Path, reward: LearnedReward, target: Target, out: Path, 
     content = folder.summary()
     if content is not None:
         return Result.from_json(content, f"{folder.path}/summary.json")
-    name = f"{reward.config.method}-{with_method_defaults(reward.config).reward_form}"
+    name = f"{file_name(reward.config.method)}-{with_method_defaults(reward.config).reward_form}"
     save_reward(folder.path / "reward", reward)
     scored = stages.score(folder, f"{name} in {target.task}", target, reward, seeds)
     result = Result(

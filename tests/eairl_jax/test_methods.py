@@ -1,11 +1,21 @@
 """Logits and policy rewards against their definitions by D, in double precision."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from eairl_jax import METHODS
-from eairl_jax.methods import airl_logit, gail_logit, log_d_ratio, neg_log_one_minus_d
+from eairl_jax import METHODS, InputError
+from eairl_jax.methods import (
+    airl_logit,
+    cross_entropy,
+    gail_logit,
+    log_d_ratio,
+    neg_log_one_minus_d,
+    wasserstein,
+    with_method_defaults,
+)
 
 RNG = np.random.default_rng(0)
 F, LOG_PI = RNG.normal(0, 2, 200), RNG.normal(-1, 2, 200)
@@ -70,3 +80,20 @@ def test_only_the_release_leaves_the_paper_and_where_it_does():
     paper = {field: choices[0] for field, choices in RELEASE.items()}
     release = {field: choices[1] for field, choices in RELEASE.items()}
     assert own == dict.fromkeys(METHODS, paper) | {"eairl_release": release}
+
+
+def test_losses_follow_from_their_definitions():
+    expert, policy = F[:100], F[100:150]
+    d_expert, d_policy = 1 / (1 + np.exp(-expert)), 1 / (1 + np.exp(-policy))
+    expected = -0.5 * (np.log(d_expert).mean() + np.log(1 - d_policy).mean())
+    np.testing.assert_allclose(cross_entropy(jnp.asarray(expert), jnp.asarray(policy)), expected, rtol=1e-5)
+    critic = wasserstein(jnp.asarray(expert), jnp.asarray(policy))
+    np.testing.assert_allclose(critic, policy.mean() - expert.mean(), rtol=1e-5)
+
+
+def test_settings_without_a_default_need_no_method(tiny):
+    resolved = with_method_defaults(tiny(method="airl_s"))
+    elsewhere = dataclasses.replace(resolved, method="known in another program")
+    assert with_method_defaults(elsewhere) == elsewhere
+    with pytest.raises(InputError, match="unknown method"):
+        with_method_defaults(tiny(method="known in another program"))

@@ -49,7 +49,7 @@ LIBRARY = bugs_of(
     ),
     (
         "labels-swapped",
-        "discriminator.py",
+        "methods.py",
         "softplus(-expert_logit).mean() + jax.nn.softplus(policy_logit)",
         "softplus(expert_logit).mean() + jax.nn.softplus(-policy_logit)",
         "eairl_jax/test_discriminator.py",

@@ -36,6 +36,7 @@ def stepping(reward: Path | None) -> Callable[[], None]:
 def programs() -> dict[str, Callable[[], object]]:
     """What is timed."""
     reward, policy = load_reward(GOLDEN / "rewards" / "sa"), load_policy(GOLDEN / "policies" / "plain")
+    alone, acting = reward.numpy(), policy.numpy()
     timed: dict[str, Callable[[], object]] = {
         "environment's step": stepping(None),
         "environment's step with a learned reward": stepping(GOLDEN / "finished" / "reward"),
@@ -44,8 +45,8 @@ def programs() -> dict[str, Callable[[], object]]:
         obs, action = np.ones((batch, 4), np.float32), np.ones((batch, 2), np.float32)
         timed |= {
             f"reward, batch {batch}, jax": lambda o=obs, a=action: jax.block_until_ready(reward(o, a)),
-            f"reward, batch {batch}, NumPy": lambda o=obs, a=action, r=reward.numpy(): r(o, a),
-            f"policy, batch {batch}, NumPy": lambda o=obs, p=policy.numpy(): p(o),
+            f"reward, batch {batch}, NumPy": lambda o=obs, a=action: alone(o, a),
+            f"policy, batch {batch}, NumPy": lambda o=obs: acting(o),
         }
     return timed
 
