@@ -50,9 +50,10 @@ class Config:
     value_hidden: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers of the value function."""
     activation: str = "relu"
-    """Activation of the reward, the potentials and the value function: "relu" or "tanh"."""
+    """Activation of the reward, the potentials and the value function: the name of a function in `jax.nn`."""
     policy_activation: str = "default"
-    """Activation of the policy and the inverse model: "relu" (Appendix D.1), "tanh", or "default"."""
+    """Activation of the policy and the inverse model: the name of a function in `jax.nn`, or "default" ("relu", as in
+    Appendix D.1)."""
     state_dependent_std: bool = False
     """Whether the stds of the policy and of the inverse model depend on their inputs."""
     actions: str = "sampled"
@@ -243,6 +244,35 @@ AT_LEAST_1 = (
 
 PENALTIES = ("gradient", "action_variance", "input_sparsity")
 
+ACTIVATIONS = tuple(
+    [
+        "relu",
+        "tanh",
+        "celu",
+        "elu",
+        "gelu",
+        "hard_sigmoid",
+        "hard_silu",
+        "hard_swish",
+        "hard_tanh",
+        "identity",
+        "leaky_relu",
+        "log_sigmoid",
+        "mish",
+        "relu6",
+        "selu",
+        "sigmoid",
+        "silu",
+        "soft_sign",
+        "softplus",
+        "sparse_plus",
+        "sparse_sigmoid",
+        "squareplus",
+        "swish",
+    ]
+)
+"""The functions of `jax.nn` that change each number by itself."""
+
 # Settings that the method decides if their value is "default", and their other values.
 METHOD_DEFAULTS: dict[str, tuple[str, ...]] = {
     "reward_form": ("sa", "s", "separable"),
@@ -254,11 +284,11 @@ METHOD_DEFAULTS: dict[str, tuple[str, ...]] = {
     "update_order": ("empowerment_first", "discriminator_first"),
     "l_i_actions": ("stored", "resampled"),
     "inverse_loss": ("likelihood", "mse"),
-    "policy_activation": ("relu", "tanh"),
+    "policy_activation": ACTIVATIONS,
 }
 
 CHOICES: dict[str, tuple] = {
-    "activation": ("relu", "tanh"),
+    "activation": ACTIVATIONS,
     "actions": ("sampled", "clipped"),
     "horizon": ("default", "fixed", "absorbing", "variable"),
     "normalize_obs": ("task", "running", "none"),

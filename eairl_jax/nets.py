@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import flax.linen as nn
@@ -13,8 +12,6 @@ import jax.numpy as jnp
 from eairl_jax.config import Config
 from eairl_jax.gaussian import Censored, Gaussian
 
-ACTIVATIONS: dict[str, Callable] = {"relu": nn.relu, "tanh": nn.tanh}
-
 
 class MLP(nn.Module):
     """A multilayer perceptron, `[..., in] -> [..., out]`, with orthogonal initial weights.
@@ -22,7 +19,7 @@ class MLP(nn.Module):
     Attributes:
       hidden: widths of the hidden layers.
       out: width of the last layer, which is linear.
-      activation: a key of `ACTIVATIONS`.
+      activation: the name of a function in `jax.nn`.
       out_scale: scale of the initial weights of the last layer.
     """
 
@@ -33,8 +30,9 @@ class MLP(nn.Module):
 
     @nn.compact
     def __call__(self, x):
+        activation = getattr(jax.nn, self.activation)
         for width in self.hidden:
-            x = ACTIVATIONS[self.activation](nn.Dense(width, kernel_init=nn.initializers.orthogonal(math.sqrt(2)))(x))
+            x = activation(nn.Dense(width, kernel_init=nn.initializers.orthogonal(math.sqrt(2)))(x))
         return nn.Dense(self.out, kernel_init=nn.initializers.orthogonal(self.out_scale))(x)
 
 

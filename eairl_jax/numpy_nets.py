@@ -6,6 +6,7 @@ those of `irl.reward_function` and `agent.sample_action`; the tests compare them
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,57 @@ def relu(x: Array) -> Array:
     return np.maximum(x, 0.0)
 
 
-ACTIVATIONS: dict[str, Callable[[Array], Array]] = {"relu": relu, "tanh": np.tanh}
+def sigmoid(x: Array) -> Array:
+    """1 / (1 + exp(-x))."""
+    return 0.5 * (np.tanh(0.5 * x) + 1.0)
+
+
+def softplus(x: Array) -> Array:
+    """log(1 + exp x)."""
+    return np.logaddexp(x, np.zeros_like(x))
+
+
+def elu(x: Array) -> Array:
+    """x above 0, exp x - 1 below."""
+    return np.where(x > 0, x, np.expm1(np.minimum(x, 0.0)))
+
+
+def hard_sigmoid(x: Array) -> Array:
+    """(x + 3) / 6 between 0 and 1."""
+    return np.clip(x + 3.0, 0.0, 6.0) / 6.0
+
+
+def sparse_plus(x: Array) -> Array:
+    """0 below -1, x above 1, (x + 1)^2 / 4 between."""
+    return np.where(x >= 1.0, x, 0.25 * (np.clip(x, -1.0, 1.0) + 1.0) ** 2)
+
+
+ACTIVATIONS: dict[str, Callable[[Array], Array]] = {
+    "relu": relu,
+    "tanh": np.tanh,
+    "celu": elu,
+    "elu": elu,
+    "gelu": lambda x: x * sigmoid(2.0 * math.sqrt(2.0 / math.pi) * (x + 0.044715 * x**3)),  # as `jax.nn`: by a tanh
+    "hard_sigmoid": hard_sigmoid,
+    "hard_silu": lambda x: x * hard_sigmoid(x),
+    "hard_swish": lambda x: x * hard_sigmoid(x),
+    "hard_tanh": lambda x: np.clip(x, -1.0, 1.0),
+    "identity": lambda x: x,
+    "leaky_relu": lambda x: np.where(x >= 0, x, 0.01 * x),
+    "log_sigmoid": lambda x: -softplus(-x),
+    "mish": lambda x: x * np.tanh(softplus(x)),
+    "relu6": lambda x: np.clip(x, 0.0, 6.0),
+    "selu": lambda x: 1.0507009873554805 * np.where(x > 0, x, 1.6732632423543772 * np.expm1(np.minimum(x, 0.0))),
+    "sigmoid": sigmoid,
+    "silu": lambda x: x * sigmoid(x),
+    "soft_sign": lambda x: x / (np.abs(x) + 1.0),
+    "softplus": softplus,
+    "sparse_plus": sparse_plus,
+    "sparse_sigmoid": lambda x: 0.5 * np.clip(x + 1.0, 0.0, 2.0),
+    "squareplus": lambda x: 0.5 * (x + np.sqrt(x * x + 4.0)),
+    "swish": lambda x: x * sigmoid(x),
+}
+"""The functions of `jax.nn` in `config.ACTIVATIONS`."""
 
 
 class MLP:

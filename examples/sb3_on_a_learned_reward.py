@@ -4,8 +4,9 @@
     python examples/sb3_on_a_learned_reward.py runs/pendulum/reward [STEPS]
 
 Each of three seeds takes about a minute for each reward. Needs `pip install "eairl-jax[sb3]"`. The settings of PPO are
-those that RL Baselines3 Zoo gives for this task, but for gamma and the scale of the rewards. The Zoo's gamma, 0.9, suits
-the true reward, which grows on every step of the way up. A learned reward need not: it was learned with gamma 0.99.
+those that RL Baselines3 Zoo gives for this task, but for gamma and the scale of the rewards. The Zoo's gamma, 0.9,
+suits the true reward, which grows on every step of the way up. A learned reward need not. It was learned with gamma
+0.99.
 """
 
 import sys

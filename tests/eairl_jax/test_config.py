@@ -20,7 +20,7 @@ REFUSED = [
     {"hidden": ()},
     {"policy_hidden": (32, 0)},
     {"value_hidden": (-4,)},
-    {"activation": "gelu"},
+    {"activation": "glu"},
     {"normalize_obs": "mean"},
     {"reward_obs": "normal"},
     {"action_part": "square"},
@@ -36,7 +36,7 @@ REFUSED = [
     {"policy_phi": "slow"},
     {"history": "everything"},
     {"update_order": "policy_first"},
-    {"policy_activation": "gelu"},
+    {"policy_activation": "glu"},
     {"method": "bc"},
 ]  # fmt: skip
 

@@ -4,10 +4,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
-from eairl_jax import InputError, load_reward, numpy_nets
+from eairl_jax import InputError, config, load_reward, numpy_nets
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "v1" / "rewards"
 FORMS = sorted(path.name for path in GOLDEN.iterdir() if path.is_dir())
@@ -35,6 +36,16 @@ def test_numpy_and_jax_agree(steps, form):
     else:
         with pytest.raises(InputError, match="no value for the steps after"):
             alone.after_end()
+
+
+@pytest.mark.parametrize("name", config.ACTIVATIONS)
+def test_activations_are_those_of_jax(name):
+    x = np.concatenate([np.linspace(-8, 8, 97), [-200.0, 200.0, 0.0]]).astype(np.float32)
+    expected = getattr(jax.nn, name)(x)
+    assert expected.shape == x.shape
+    found = numpy_nets.ACTIVATIONS[name](x)
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=2e-6)
+    assert found.dtype == np.float32
 
 
 def test_no_jax_is_imported():
