@@ -244,33 +244,11 @@ AT_LEAST_1 = (
 
 PENALTIES = ("gradient", "action_variance", "input_sparsity")
 
-ACTIVATIONS = tuple(
-    [
-        "relu",
-        "tanh",
-        "celu",
-        "elu",
-        "gelu",
-        "hard_sigmoid",
-        "hard_silu",
-        "hard_swish",
-        "hard_tanh",
-        "identity",
-        "leaky_relu",
-        "log_sigmoid",
-        "mish",
-        "relu6",
-        "selu",
-        "sigmoid",
-        "silu",
-        "soft_sign",
-        "softplus",
-        "sparse_plus",
-        "sparse_sigmoid",
-        "squareplus",
-        "swish",
-    ]
-)
+ACTIVATIONS = (
+    "relu", "tanh", "celu", "elu", "gelu", "hard_sigmoid", "hard_silu", "hard_swish", "hard_tanh", "identity",
+    "leaky_relu", "log_sigmoid", "mish", "relu6", "selu", "sigmoid", "silu", "soft_sign", "softplus", "sparse_plus",
+    "sparse_sigmoid", "squareplus", "swish",
+)  # fmt: skip
 """The functions of `jax.nn` that change each number by itself."""
 
 # Settings that the method decides if their value is "default", and their other values.
