@@ -97,6 +97,10 @@ def recipe(task: str, env: Task, purpose: str, overrides: dict[str, Any], tuned:
       InputError: for an impossible setting, or if `tuned` and the task has no such settings.
     """
     values = _merged(task, env, purpose, overrides, tuned)
+    if "iterations" in overrides and "snapshot_every" not in overrides:
+        values["snapshot_every"] = near_divisor(
+            values["iterations"], values.get("snapshot_every", Recipe.snapshot_every)
+        )
     training = {field.name: values.pop(field.name, field.default) for field in fields(Recipe)[2:]}
     values["penalties"] = tuple(penalty for weight, penalty in PENALTY_OF_WEIGHT.items() if values.get(weight))
     hparams = HParams(**{name: value for name, value in values.items() if name in GROUPS["hparams"]})
@@ -192,6 +196,12 @@ def _parse(name: str, text: str, default: Any) -> Any:
         raise InputError(
             f"--set {name}={text}: expected something like {name}={example}; `eairl settings` explains every setting"
         ) from None
+
+
+def near_divisor(iterations: int, near: int) -> int:
+    """The divisor of `iterations` nearest to `near`, at most 4 times as large or as small; `near` if there is none."""
+    divisors = (n for n in range(max(1, near // 4), min(4 * near, iterations) + 1) if iterations % n == 0)
+    return min(divisors, key=lambda n: max(n / near, near / n), default=near)
 
 
 def divisor(iterations: int, near: int) -> int:

@@ -8,9 +8,9 @@ from eairl_jax.experiments.commands.saturation import warn_if_saturated
 from eairl_jax.experiments.display.console import Line, print_table, say, say_if_no_expert, with_references
 from eairl_jax.experiments.options import Imitate
 from eairl_jax.experiments.paper import published
+from eairl_jax.experiments.pipeline.default_folder import default_path
 from eairl_jax.experiments.pipeline.experiment import imitations
 from eairl_jax.experiments.pipeline.run import run as run_experiment
-from eairl_jax.experiments.pipeline.train import RUNS
 
 
 def run(options: Imitate, command_line: str) -> None:
@@ -18,7 +18,7 @@ def run(options: Imitate, command_line: str) -> None:
     experiments, results = imitations(options), []
     for experiment in experiments:
         # --out is the run's folder; where several runs share it, each has a folder in it.
-        path = RUNS / experiment.folder_name()
+        path = default_path(options, experiment.folder_name(), experiment.settings())
         if options.out:
             path = options.out if len(experiments) == 1 else options.out / experiment.name
         results.append(run_experiment(experiment, path, command_line))

@@ -7,16 +7,16 @@ import numpy as np
 from eairl_jax.experiments.commands.saturation import warn_if_saturated
 from eairl_jax.experiments.display.console import Line, print_table, say, say_if_no_expert, with_references
 from eairl_jax.experiments.options import Sweep
+from eairl_jax.experiments.pipeline.default_folder import default_path
 from eairl_jax.experiments.pipeline.experiment import sweeps
 from eairl_jax.experiments.pipeline.run import point_name
 from eairl_jax.experiments.pipeline.run import run as run_experiment
-from eairl_jax.experiments.pipeline.train import RUNS
 
 
 def run(options: Sweep, command_line: str) -> None:
     """Trains every combination of the listed values with every seed, and prints one table."""
     experiment = sweeps(options)
-    path = options.out or RUNS / experiment.folder_name()
+    path = options.out or default_path(options, experiment.folder_name(), experiment.settings())
     result = run_experiment(experiment, path, command_line)
     warn_if_saturated(result)
     lines = []

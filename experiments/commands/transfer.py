@@ -12,6 +12,7 @@ from eairl_jax.experiments.commands.saturation import warn_if_saturated
 from eairl_jax.experiments.display.console import Line, print_table, say, say_if_no_expert, with_references
 from eairl_jax.experiments.options import Transfer
 from eairl_jax.experiments.paper import published
+from eairl_jax.experiments.pipeline.default_folder import changed_options, default_path
 from eairl_jax.experiments.pipeline.experiment import measured, refuse_other_sizes, target_of, transfers
 from eairl_jax.experiments.pipeline.run import Result, learning_folder, reuse
 from eairl_jax.experiments.pipeline.run import run as run_experiment
@@ -32,6 +33,8 @@ def _learn_and_use(options: Transfer, out: Path, command_line: str) -> list[Resu
     results = []
     for experiment in transfers(options):
         path = out / experiment.folder_name()
+        if not options.out:
+            path = default_path(options, experiment.folder_name(), experiment.settings())
         results.append(run_experiment(experiment, path, command_line))
         learning = learning_folder(experiment, out).path
         say(f"{experiment.name}, {results[-1].rule}: in {path}/; the reward was learned in {learning}/")
@@ -56,7 +59,8 @@ def _reuse(options: Transfer, out: Path, command_line: str) -> Result:
             f"{options.reward} was learned in {reward.description['task']}, not in {options.source}: name the task "
             "in which the reward was learned"
         )
-    return reuse(options.reward, reward, measured(target), out, command_line)
+    changed = "" if options.out else changed_options(options)
+    return reuse(options.reward, reward, measured(target), out, command_line, changed)
 
 
 def _print(options: Transfer, results: list[Result]) -> None:

@@ -275,11 +275,14 @@ def _learn_once(experiment: Experiment, learning: RunFolder) -> list[float]:
     return summary["imitation_returns"]
 
 
-def reuse(saved_reward: Path, reward: LearnedReward, target: Target, out: Path, command_line: str = "") -> Result:
+def reuse(
+    saved_reward: Path, reward: LearnedReward, target: Target, out: Path, command_line: str = "", changed: str = ""
+) -> Result:
     """Trains fresh policies on a saved reward in the target, one for each of its seeds, and scores them.
 
     Args:
       saved_reward: folder that `reward` was loaded from; it names the run's folder in `out`.
+      changed: how the training differs from the target's recipe, for that name.
 
     Raises:
       InputError: if that folder belongs to a run of another reward or of other settings.
@@ -287,7 +290,8 @@ def reuse(saved_reward: Path, reward: LearnedReward, target: Target, out: Path, 
     seeds = reward.description["seeds"]
     # The content of the reward, not its place: another reward in the same place is another run.
     settings = target.settings() | {"reward": storage.fingerprint(reward.params), "seeds": seeds}
-    folder = RunFolder(out / f"reuse-{saved_reward.resolve().parent.name}-in-{file_name(target.task)}", settings)
+    folder_name = f"reuse-{saved_reward.resolve().parent.name}-in-{file_name(target.task)}"
+    folder = RunFolder(out / "-".join(filter(None, (folder_name, changed))), settings)
     content = folder.summary()
     if content is not None:
         return Result.from_json(content, f"{folder.path}/summary.json")

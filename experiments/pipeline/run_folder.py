@@ -65,7 +65,7 @@ class RunFolder:
             )
         config = self.path / "config.json"
         if config.exists():
-            _refuse_different(self.path, records.settings(self.path), settings)
+            refuse_different(self.path, records.settings(self.path), settings)
         elif any(self.path.iterdir()):
             raise InputError(
                 f"{self.path} holds files but no config.json, so it is no run's folder: choose another with --out"
@@ -261,7 +261,8 @@ def peak_memory_gb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
 
 
-def _refuse_different(path: Path, content: dict, settings: dict) -> None:
+def refuse_different(path: Path, content: dict, settings: dict) -> None:
+    """Raises `InputError` if the settings in a folder, `content`, are those of another run."""
     before, now = _essential(content), _essential(settings)
     different = [name for name in sorted(before | now) if before.get(name) != now.get(name)]
     if different:

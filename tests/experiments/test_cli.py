@@ -23,7 +23,8 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_the_help_names_every_method(command, capsys, run):
     assert run(command, "--help") == 0
     text = " ".join(re.sub("[│╭╮╰╯─]", " ", capsys.readouterr().out).split())
-    assert re.search(r"One or more of (.*?) \(to imitate\);", text)[1].split(", ") == list(method_names())
+    assert re.search(r"One or more of (.*?) \(to imitate\),", text)[1].split(", ") == list(method_names())
+    assert "or FILE.py:NAME for a method of yours" in text
 
 
 REFUSED = {
@@ -34,7 +35,7 @@ REFUSED = {
     "wrong type": (["imitate", "pendulum", "--set", "num_envs=many"], "expected something like num_envs="),
     "indivisible batch": (["imitate", "pendulum", "--set", "ppo_minibatches=7"], "divisor"),
     "negative rate": (["imitate", "pendulum", "--set", "policy_lr=-1"], "policy_lr"),
-    "snapshots": (["imitate", "pendulum", "--set", "iterations=50"], "snapshot_every=25"),
+    "snapshots": (["imitate", "pendulum", "--set", "iterations=1009"], "snapshot_every=1"),
     "nothing tuned": (["imitate", "pendulum", "--tuned"], "half_cheetah"),
     "a temperature of its own": (["imitate", "pendulum", "--set", "temperature=1"], "temperature: not a setting of"),
     "no seeds": (["imitate", "pendulum", "--seeds", "0"], "at least 1"),
@@ -250,7 +251,8 @@ def test_a_users_environment_goes_through_all_commands(tmp_path, monkeypatch, ca
     summary = json.loads((moved / "summary.json").read_text(), parse_constant=pytest.fail)
     assert (summary["expert"], summary["normalized"], summary["target"]) == (None, None, heavier)
     assert np.isfinite([summary["random"], *summary["returns"], *summary["ceiling"]]).all()
-    for folder in (tmp_path / "runs" / "imitate-my_tasks-make_env-gail-sa", moved):
+    (imitated,) = (tmp_path / "runs").glob("imitate-my_tasks-make_env-gail-sa-*")
+    for folder in (imitated, moved):
         assert run("evaluate", folder, "--episodes", 2) == 0
         assert run("view", folder) == 0
         assert (folder / "view" / "episode.html").exists()

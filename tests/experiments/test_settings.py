@@ -67,3 +67,18 @@ def test_the_trials_of_a_recipe_are_possible_in_its_iterations():
     assert trials(**given | {"restarts": 3}) == (16, 20, 1)
     assert trials(**given | {"trials": 0}) == (0, 0, 0)
     assert trials(**given | {"trials": 2, "restarts": 1}) == (2, 20, 2)  # all are random, and the better one goes on
+
+
+@pytest.mark.parametrize(
+    ("iterations", "every"), [(5, 5), (50, 50), (120, 40), (101, 101), (90, 45), (1200, 40), (1, 1)]
+)
+def test_snapshots_follow_the_iterations_that_are_set(iterations, every):
+    made = recipe("pendulum", envs.make("pendulum"), "imitate", {"method": "eairl", "iterations": iterations})
+    assert made.snapshot_every == every
+
+
+def test_a_number_of_snapshots_that_was_set_is_kept():
+    changes = {"method": "eairl", "iterations": 8, "snapshot_every": 2}
+    assert recipe("pendulum", envs.make("pendulum"), "imitate", changes).snapshot_every == 2
+    with pytest.raises(InputError, match="iterations = 1009 is not a multiple of snapshot_every = 40"):
+        recipe("pendulum", envs.make("pendulum"), "imitate", {"method": "eairl", "iterations": 1009})
