@@ -1,19 +1,27 @@
 """Runs `eairl` and notes what it does to files; kills the process by SIGKILL at one of these moments.
 
     python tests/kills/child.py LOG ROOT[:ROOT...] EVENT arguments of eairl...
+    python tests/kills/child.py --serve
 
-LOG is a file that gets a line for each file event inside the ROOT folders and a line for each chunk that is computed.
+LOG is a file that gets a line for each file event inside the ROOT folders and a line for each chunk that is begun.
 EVENT is the number of the event before which the process is killed, for example 17. Or it is the number, the kind and
 the place of an event, `2 rename run/config.json`: then only events of this kind in this place count. The kind `opened`
 means a file that was opened for writing and in which nothing is written yet. `-` kills the process never.
+
+With `--serve` the process imports everything, and then takes commands from its standard input: a line of JSON with the
+folder, the environment, the file for what is printed and the arguments above. Each command runs in a fork of this
+process, which spares it half of its time. The answers are the number of the new process and, at its end, its exit code.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
 import sys
+import time
+import traceback
 from typing import Any
 
 KINDS = {
@@ -92,8 +100,8 @@ class Watch:
                 os.kill(os.getpid(), signal.SIGKILL)
 
     def note(self, *words: Any) -> None:
-        """Appends a line to the log. A killed process leaves all its lines."""
-        os.write(self._log, ("\t".join(map(str, words)) + "\n").encode())
+        """Appends a line to the log, with the time. A killed process leaves all its lines."""
+        os.write(self._log, ("\t".join(map(str, (time.monotonic(), *words))) + "\n").encode())
 
 
 def _is_writing(flags: int) -> bool:
@@ -125,9 +133,8 @@ def watch_chunks(watch: Watch) -> None:
     Lanes.run = run
 
 
-def main() -> None:
+def run_command(log: str, roots: str, event: str, *arguments: str) -> None:
     """Runs the command line of `eairl`."""
-    log, roots, event, *arguments = sys.argv[1:]
     from eairl_jax.experiments import cli
     from eairl_jax.xla import configure_jax
 
@@ -138,7 +145,41 @@ def main() -> None:
     watch.note("finished")
 
 
+def serve() -> None:
+    """Runs commands in forks of this process."""
+    import orbax.checkpoint  # noqa: F401
+
+    from eairl_jax.experiments.commands import expert, imitate, reproduce, sweep, transfer  # noqa: F401
+
+    for line in sys.stdin:
+        command = json.loads(line)
+        sys.stdout.flush()
+        process = os.fork()
+        if not process:
+            os.chdir(command["folder"])
+            os.environ.update(command["environment"])
+            printed = os.open(command["printed"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+            os.dup2(printed, 1)
+            os.dup2(printed, 2)
+            try:
+                run_command(*command["arguments"])
+                code = 0
+            except SystemExit as e:
+                code = e.code if isinstance(e.code, int) else 1
+            except BaseException:
+                traceback.print_exc()
+                code = 1
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
+        print(process, flush=True)
+        print(os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]), flush=True)
+
+
 if __name__ == "__main__":
     if not sys.flags.safe_path:
         del sys.path[0]  # nothing of this folder is taken for a module
-    main()
+    if sys.argv[1:] == ["--serve"]:
+        serve()
+    else:
+        run_command(*sys.argv[1:])

@@ -20,6 +20,7 @@ import dataclasses
 import json
 import os
 import random
+import select
 import shutil
 import signal
 import subprocess
@@ -40,7 +41,7 @@ SECONDS = 1800
 MEASURED = ("compile_seconds", "run_seconds", "peak_memory_gb", "machine")
 """What a summary says of time and machine: it may differ."""
 RETRAINED = ("num_envs=2", "rollout_length=20", "ppo_epochs=1", "ppo_minibatches=1", "policy_hidden=4")
-TINY_POLICY = (*RETRAINED, "value_hidden=4", "iterations=8", "snapshot_every=2")
+TINY_POLICY = (*RETRAINED, "value_hidden=4", "iterations=12", "snapshot_every=2")
 TINY = (
     *TINY_POLICY,
     "hidden=4",
@@ -50,14 +51,14 @@ TINY = (
     "empowerment_updates=1",
     "empowerment_batch=8",
 )
-TRIALS = ("trials=3", "trial_iterations=2", "random_trials=1", "restarts=2")
+TRIALS = ("trials=3", "trial_iterations=2", "random_trials=1", "--restarts", "2")
 TRANSFER = ("transfer", "pendulum", "pendulum", "--seeds", "1", "--out", RUN, "--set", *TINY, "--retrain-set")
 COMMANDS = {
     "imitate": ("imitate", "pendulum", "--seeds", "2", "--out", RUN, "--set", *TINY),
     "expert": ("expert", "pendulum", "--seeds", "2", "--out", RUN, "--set", *TINY_POLICY),
     "sweep": ("sweep", "pendulum", "--seeds", "1", "--out", RUN, "--set", *TINY, "lambda_i=0,0.1"),
     "transfer-last": (*TRANSFER, *TINY_POLICY, *TRIALS, "--rule", "last"),
-    "transfer-source_retrain": (*TRANSFER, *TINY_POLICY, "trials=0", "restarts=2", "--rule", "source_retrain"),
+    "transfer-source_retrain": (*TRANSFER, *TINY_POLICY, "trials=0", "--restarts", "2", "--rule", "source_retrain"),
     "transfer-policy": (*TRANSFER, *TINY_POLICY, "trials=0", "--rule", "policy"),
     "reproduce": ("reproduce", "table2", "--quick", "--task", "pendulum", "--out", RUN),
 }
@@ -69,73 +70,112 @@ class Process:
 
     Attributes:
       code: exit code; -9 after SIGKILL.
-      seconds: from its start to its end; to its first file event in the folder of the run.
-      first: seconds to its first file event.
-      log: lines of `child.py`, split.
+      ended: the time of its end.
+      log: lines of `child.py`, split; each begins with a time.
       printed: everything that it printed.
     """
 
     code: int
-    seconds: float
-    first: float
+    ended: float
     log: list[list[str]]
     printed: str
 
     @property
     def events(self) -> list[str]:
         """Kind and place of each file event."""
-        return [" ".join(line[1:]) for line in self.log if line[0] == "event"]
+        return [" ".join(line[2:]) for line in self.log if line[1] == "event"]
 
     @property
     def chunks(self) -> list[tuple[str, int, int]]:
         """Folder, first iteration and length of each chunk that was begun."""
-        return [(folder, int(done), int(length)) for kind, folder, done, length in self._of("chunk") if kind]
+        return [(line[2], int(line[3]), int(line[4])) for line in self.log if line[1] == "chunk"]
 
     @property
     def killed_at(self) -> str:
         """Kind and place of the file event before which `child.py` has killed the process."""
-        return next((line[1] for line in self.log if line[0] == "killed"), "")
+        return next((line[2] for line in self.log if line[1] == "killed"), "")
 
-    def _of(self, word: str) -> list[list[str]]:
-        return [line for line in self.log if line[0] == word]
+    def times(self, word: str) -> list[float]:
+        """When each event happened, or each chunk began, and the end of the process."""
+        return [*(float(line[0]) for line in self.log if line[1] == word), self.ended]
 
 
-def start(name: str, folder: Path, event: str = "-", after: float | None = None) -> Process:
-    """Runs a command in a folder until its end, or until it is killed.
+@dataclasses.dataclass(frozen=True)
+class Moment:
+    """A time to kill a process at: so many seconds after its first file event, or after it has begun its Nth chunk."""
 
-    Args:
-      event: at which `child.py` kills the process.
-      after: seconds between the first file event of the process and its death, if it dies at a moment.
-    """
-    log = folder / "log"
-    log.unlink(missing_ok=True)
-    environment = os.environ | {
-        "JAX_PLATFORMS": "cpu",
-        "JAX_NUM_CPU_DEVICES": "1",
-        "XDG_CACHE_HOME": str(folder / CACHE),
-        "PYTHONPATH": os.pathsep.join(filter(None, sys.path[1:])),
-        "PYTHONDONTWRITEBYTECODE": "1",
-    }
-    roots = os.pathsep.join([RUN, f"{CACHE}/eairl_jax"])
-    command = [sys.executable, "-P", str(CHILD), "log", roots, event, *COMMANDS[name]]
-    began, first = time.monotonic(), 0.0
-    with open(folder / "printed", "w+b") as printed:
-        process = subprocess.Popen(command, cwd=folder, env=environment, stdout=printed, stderr=subprocess.STDOUT)
-        try:
-            while process.poll() is None and time.monotonic() - began < SECONDS:
-                if not first and log.exists() and f"\t{RUN}" in log.read_text():
-                    first = time.monotonic() - began
-                if after is not None and first and time.monotonic() - began > first + after:
-                    break
-                time.sleep(0.005)
-        finally:
-            process.send_signal(signal.SIGKILL)
-        code = process.wait()
-        seconds = time.monotonic() - began
-        printed.seek(0)
-        text = printed.read().decode(errors="replace")
-    lines = [line.split("\t") for line in log.read_text().splitlines()] if log.exists() else []
-    return Process(code, seconds, first, lines, text)
+    word: str
+    number: int
+    seconds: float
+
+    def __str__(self) -> str:
+        return f"{self.seconds:.2f} s after {self.word} {self.number}"
+
+
+class Server:
+    """A process that runs commands in forks of itself (`child.py --serve`)."""
+
+    def __init__(self) -> None:
+        environment = os.environ | {
+            "JAX_PLATFORMS": "cpu",
+            "JAX_NUM_CPU_DEVICES": "1",
+            "PYTHONPATH": os.pathsep.join(filter(None, sys.path[1:])),
+            "PYTHONDONTWRITEBYTECODE": "1",
+        }
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-W", "ignore:os.fork", str(CHILD), "--serve"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=environment,
+            text=True,
+        )
+
+    def run(self, name: str, folder: Path, event: str = "-", moment: Moment | None = None) -> Process:
+        """Runs a command in a folder until its end, or until it is killed.
+
+        Args:
+          event: at which `child.py` kills the process.
+          moment: at which the process is killed from outside.
+        """
+        assert self._process.stdin
+        assert self._process.stdout
+        log, printed = folder / "log", folder / "printed"
+        log.unlink(missing_ok=True)
+        command = {
+            "folder": str(folder),
+            "environment": {"XDG_CACHE_HOME": str(folder / CACHE)},
+            "printed": str(printed),
+            "arguments": ["log", os.pathsep.join([RUN, f"{CACHE}/eairl_jax"]), event, *COMMANDS[name]],
+        }
+        print(json.dumps(command), file=self._process.stdin, flush=True)
+        number = int(self._process.stdout.readline())
+        began = time.monotonic()
+        # The answer that follows is the exit code. It is waited for in the loop.
+        answer = self._process.stdout
+        while not select.select([answer], [], [], 0.002)[0]:
+            now = time.monotonic()
+            if now > began + SECONDS or (moment and is_due(moment, log, now)):
+                os.kill(number, signal.SIGKILL)
+                break
+        code, ended = int(answer.readline()), time.monotonic()
+        return Process(code, ended, lines_of(log), printed.read_text(errors="replace"))
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._process.kill()
+        self._process.wait()
+
+
+def lines_of(log: Path) -> list[list[str]]:
+    """The lines of `child.py`, split; without a line that is being written."""
+    text = log.read_text() if log.exists() else ""
+    return [line.split("\t") for line in text[: text.rfind("\n") + 1].splitlines()]
+
+
+def is_due(moment: Moment, log: Path, now: float) -> bool:
+    """Whether the time of a moment has come."""
+    times = [float(line[0]) for line in lines_of(log) if line[1] == moment.word]
+    return len(times) >= moment.number and now > times[moment.number - 1] + moment.seconds
 
 
 # What must be equal --------------------------------------------------------------------------------------------------
@@ -234,24 +274,27 @@ class Reference:
     Attributes:
       content: of its folder.
       events: its file events; those of an empty cache are among them.
-      seconds: from its first file event to its end, with a full cache.
+      event_seconds: from its first file event to its end, with a full cache.
+      chunk_seconds: from the start of each chunk to that of the next one, or to the end.
     """
 
     content: dict[str, Any]
     events: list[str]
-    seconds: float
+    event_seconds: float
+    chunk_seconds: list[float]
 
 
-def reference(name: str, folder: Path) -> Reference:
+def reference(server: Server, name: str, folder: Path) -> Reference:
     """Runs a command twice, first with an empty cache."""
     runs = []
     for number in range(2):
         shutil.rmtree(folder / RUN, ignore_errors=True)
-        process = start(name, folder)
+        process = server.run(name, folder)
         if process.code:
             sys.exit(f"{name} fails without a kill:\n{process.printed[-2000:]}")
         runs.append((content(folder / RUN), process))
-        print(f"{name}: {process.seconds:.0f} s without a kill, {len(process.events)} file events", flush=True)
+        seconds = process.ended - process.times("event")[0]
+        print(f"{name}: {seconds:.0f} s without a kill, {len(process.events)} file events", flush=True)
         if not number:
             shutil.rmtree(folder / "full-cache", ignore_errors=True)
             shutil.copytree(folder / CACHE, folder / "full-cache")
@@ -259,7 +302,21 @@ def reference(name: str, folder: Path) -> Reference:
     unequal = differences(first, second)
     if unequal:
         sys.exit(f"{name} gives other bits without a kill: {', '.join(unequal[:5])}")
-    return Reference(first, cold.events, warm.seconds - warm.first)
+    events, chunks = warm.times("event"), warm.times("chunk")
+    return Reference(first, cold.events, events[-1] - events[0], np.diff(chunks).tolist())
+
+
+def chosen_moment(known: Reference, done: int, dice: random.Random) -> Moment:
+    """A random moment: in one of four cases any, and otherwise one after a chunk has begun, since chunks are short.
+
+    Args:
+      done: chunks that are not begun again.
+    """
+    left = len(known.chunk_seconds) - done
+    if left < 1 or dice.random() < 0.25:
+        return Moment("event", 1, dice.uniform(0, known.event_seconds))
+    number = dice.randint(1, left)
+    return Moment("chunk", number, dice.uniform(0, known.chunk_seconds[done + number - 1]))
 
 
 def chosen_events(events: list[str], kills: int, dice: random.Random) -> list[str]:
@@ -279,7 +336,7 @@ def chosen_events(events: list[str], kills: int, dice: random.Random) -> list[st
 
 
 def killed_run(
-    name: str, folder: Path, known: Reference, queue: list[str], dice: random.Random, record: Record
+    server: Server, name: str, folder: Path, known: Reference, queue: list[str], dice: random.Random, record: Record
 ) -> None:
     """Kills a run up to `CHAIN` times and finishes it; the events that have happened leave `queue`.
 
@@ -290,19 +347,20 @@ def killed_run(
     shutil.copytree(folder / "full-cache", folder / CACHE)
     at_events, processes, sites = bool(queue), [], []
     while True:
-        event, after = "-", None
+        event, moment = "-", None
         if len(processes) < CHAIN and at_events and queue:
             event = queue[0]
             forget_programs(folder / CACHE, event)
         elif len(processes) < CHAIN and not at_events:
-            after = dice.uniform(0, known.seconds)
-        process = start(name, folder, event, after)
+            begun = {chunk for each in processes for chunk in each.chunks}
+            moment = chosen_moment(known, len(begun), dice)
+        process = server.run(name, folder, event, moment)
         processes.append(process)
         if process.code != -signal.SIGKILL:
             break
         if at_events:
             queue.pop(0)
-        sites.append(process.killed_at if at_events else f"{after:.2f} s")
+        sites.append(process.killed_at if at_events else str(moment))
         record.kills.append(["event" if at_events else "moment", sites[-1]])
     story = f"{name}, killed at {', '.join(sites) or 'nothing'}"
     if at_events and not sites:
@@ -316,9 +374,7 @@ def killed_run(
         faults.append(f"exit code {process.code}: {' '.join(process.printed.split())[-300:]}")
     else:
         faults += differences(known.content, content(folder / RUN))[:5]
-        faults += [line.strip() for line in process.printed.splitlines() if "Warning" in line or "Traceback" in line][
-            :2
-        ]
+        faults += [line.strip() for line in process.printed.splitlines() if "Warning" in line][:2]
     record.faults += [f"{story}: {fault}" for fault in faults]
     print(f"{story}: {'; '.join(faults) or 'equal'} (again {again})", flush=True)
 
@@ -330,22 +386,22 @@ def forget_programs(cache: Path, event: str) -> None:
             path.unlink() if path.is_file() else None
 
 
-def test(name: str, kills: int, work: Path, seed: int) -> Record:
+def test(server: Server, name: str, kills: int, work: Path, seed: int) -> Record:
     """Kills a command often enough, going on with what `work` holds."""
     folder = work / name
     folder.mkdir(parents=True, exist_ok=True)
     kept = folder / "record.json"
     record = Record(**json.loads(kept.read_text())) if kept.exists() else Record()
-    known = reference(name, folder)
+    known = reference(server, name, folder)
     dice = random.Random(f"{name} {seed} {len(record.kills)}")
     queue = chosen_events(known.events, max(0, kills - record.count("event")), dice) if kills else []
     if kills and record.count("event") >= kills:
         queue = []
     while record.count("moment") < kills:
-        killed_run(name, folder, known, [], dice, record)
+        killed_run(server, name, folder, known, [], dice, record)
         kept.write_text(json.dumps(dataclasses.asdict(record)))
     while queue:
-        killed_run(name, folder, known, queue, dice, record)
+        killed_run(server, name, folder, known, queue, dice, record)
         kept.write_text(json.dumps(dataclasses.asdict(record)))
     return record
 
@@ -373,7 +429,11 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="kills-") as temporary:
         work = (options.work or Path(temporary)).resolve()
-        records = {name: test(name, options.kills, work, options.seed) for name in options.commands}
+        server = Server()
+        try:
+            records = {name: test(server, name, options.kills, work, options.seed) for name in options.commands}
+        finally:
+            server.close()
         show(records)
     return 1 if any(record.faults for record in records.values()) else 0
 
