@@ -52,13 +52,14 @@ class Watch:
         self._roots = [os.path.realpath(root) for root in roots]
         number, _, site = event.partition(" ")
         self._left, self._site = (int(number) if number.isdigit() else 0), site
+        self._is_ours = False  # an event that this class makes
         self._fsync, os.fsync = os.fsync, self.fsync
         sys.addaudithook(self.audit)
 
     def audit(self, event: str, arguments: tuple) -> None:
         """Python calls this before each of its events."""
         kind = KINDS.get(event)
-        if kind is None or (kind == "open" and not _is_writing(arguments[2])):
+        if kind is None or self._is_ours or (kind == "open" and not _is_writing(arguments[0], arguments[2])):
             return
         # A rename is known by where the file goes. A folder is given to those that read a path relative to it.
         path = arguments[1] if kind in ("rename", "link", "symlink") else arguments[0]
@@ -86,6 +87,7 @@ class Watch:
         self.note("event", kind, site)
         self._count(f"{kind} {site}")
         if kind == "open" and self._is_next(f"opened {site}"):
+            self._is_ours = True
             os.open(path, arguments[2], 0o666)  # creates or empties the file, as the caller is about to do
             self._count(f"opened {site}")
 
@@ -104,8 +106,8 @@ class Watch:
         os.write(self._log, ("\t".join(map(str, (time.monotonic(), *words))) + "\n").encode())
 
 
-def _is_writing(flags: int) -> bool:
-    return bool(flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC))
+def _is_writing(path: Any, flags: int) -> bool:
+    return bool(flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC)) and not os.path.isdir(path)
 
 
 def place(path: str) -> str:
