@@ -129,6 +129,7 @@ class Server:
             stdout=subprocess.PIPE,
             env=environment,
             text=True,
+            start_new_session=True,
         )
 
     def run(self, name: str, folder: Path, event: str = "-", moment: Moment | None = None) -> Process:
@@ -162,8 +163,8 @@ class Server:
         return Process(code, ended, lines_of(log), printed.read_text(errors="replace"))
 
     def close(self) -> None:
-        """Ends the process."""
-        self._process.kill()
+        """Ends the process and its forks: none may go on in a folder that the next call uses."""
+        os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
 
 
@@ -435,6 +436,7 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="kills-") as temporary:
         work = (options.work or Path(temporary)).resolve()
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that `server` is closed
         server = Server()
         try:
             records = {name: test(server, name, options.kills, work, options.seed) for name in options.commands}
