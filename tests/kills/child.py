@@ -52,7 +52,7 @@ class Watch:
         self._roots = [os.path.realpath(root) for root in roots]
         number, _, site = event.partition(" ")
         self._left, self._site = (int(number) if number.isdigit() else 0), site
-        self._is_ours = False  # an event that this class makes
+        self._is_ours = False  # whether the next event is made by this class
         self._fsync, os.fsync = os.fsync, self.fsync
         sys.addaudithook(self.audit)
 
@@ -86,13 +86,11 @@ class Watch:
         site = place(os.path.relpath(path, os.path.dirname(root)))
         self.note("event", kind, site)
         self._count(f"{kind} {site}")
-        if kind == "open" and self._is_next(f"opened {site}"):
-            self._is_ours = True
-            os.open(path, arguments[2], 0o666)  # creates or empties the file, as the caller is about to do
+        if kind == "open":
+            if self._left == 1 and self._site == f"opened {site}":
+                self._is_ours = True
+                os.open(path, arguments[2], 0o666)  # creates or empties the file, as the caller is about to do
             self._count(f"opened {site}")
-
-    def _is_next(self, event: str) -> bool:
-        return self._left > 0 and self._site == event
 
     def _count(self, event: str) -> None:
         if self._left > 0 and self._site in ("", event):
