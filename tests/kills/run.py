@@ -375,7 +375,7 @@ def killed_run(
         print(f"{story}: {event} did not happen", flush=True)
     again = computed_again(processes)
     record.most_again = max([record.most_again, *map(abs, again)])
-    record.runs += 1
+    record.runs += bool(sites)
     faults = [f"{-number} iterations were computed again" for number in again if number < 0]
     if process.code:
         faults.append(f"exit code {process.code}: {' '.join(process.printed.split())[-300:]}")
