@@ -9,11 +9,13 @@ EXTRAS = minari,hf,hdf5
 ONNX_VENV = $(VENV)-onnx
 ONNX_STAMP = $(ONNX_VENV)/.installed
 
-# Options of tests/mutants/run.py and tests/physics/random_steps.py, e.g. MUTANTS="--shard 1/4" PHYSICS="--task ant".
+# Options of tests/mutants/run.py, tests/physics/random_steps.py and tests/kills/run.py, e.g. MUTANTS="--shard 1/4"
+# PHYSICS="--task ant" KILLS="--commands imitate --kills 3".
 MUTANTS ?=
 PHYSICS ?=
+KILLS ?=
 
-.PHONY: help install demo test test-extras test-onnx onnx test-slow test-mutants test-physics test-repeats lint docs release bench data clean
+.PHONY: help install demo test test-extras test-onnx onnx test-slow test-mutants test-physics test-repeats test-kill lint docs release bench data clean
 
 help:
 	@echo "make demo       learn a reward in the left maze, use it in the right one (the main job)"
@@ -25,6 +27,7 @@ help:
 	@echo "make test-mutants  plants bugs, each of which a test must catch"
 	@echo "make test-physics  takes 10 million random steps in each task"
 	@echo "make test-repeats  compares runs that should be equal: repeated, in other chunks, on other devices"
+	@echo "make test-kill  kills runs at random moments and at file events; they must end with the same bits"
 	@echo "make bench      what an iteration costs beside its simulation"
 	@echo "make data       train the experts and collect the shipped demonstrations anew"
 	@echo "make lint       ruff and pyright"
@@ -82,6 +85,9 @@ test-physics: $(STAMP)
 
 test-repeats: $(STAMP)
 	@$(BIN)/python tests/repeats/run.py
+
+test-kill: $(STAMP)
+	@$(BIN)/python tests/kills/run.py $(KILLS)
 
 bench: $(STAMP)
 	@$(BIN)/eairl bench point_maze_left

@@ -88,6 +88,8 @@ class Checkpoints:
     def restore_newest(self, like: Callable[[], PyTree]) -> Restored:
         """Reads the newest checkpoint that is not damaged. Damaged ones are removed, so that they can be made again.
 
+        Checkpoints before the newest `KEPT` are removed too: a process was killed while it removed them.
+
         Args:
           like: makes a state of the same structure and shapes.
 
@@ -98,7 +100,9 @@ class Checkpoints:
         for iteration in sorted(self._manager.all_steps(), reverse=True):
             if self.is_intact(iteration):
                 try:
-                    return Restored(iteration, self.restore(iteration, like()), damaged)
+                    restored = Restored(iteration, self.restore(iteration, like()), damaged)
+                    self._remove_older()
+                    return restored
                 except InputError:
                     raise
                 except Exception as e:  # orbax and tensorstore raise a dozen different exceptions for damaged files
@@ -109,6 +113,14 @@ class Checkpoints:
             self._manager.close()
             self._open()
         return Restored(None, None, damaged)
+
+    def _remove_older(self) -> None:
+        older = sorted(self._manager.all_steps())[:-KEPT]
+        for iteration in older:
+            shutil.rmtree(self._directory / str(iteration), ignore_errors=True)
+        if older:
+            self._manager.close()
+            self._open()
 
     def restore(self, iteration: int, like: PyTree) -> PyTree:
         """Reads a state as NumPy arrays, bit for bit as it was saved.

@@ -84,7 +84,8 @@ def export(
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     for name, content in made.items():
-        storage.write_bytes(directory / name, content)
+        with storage.replacing(directory / name) as unfinished:
+            unfinished.write_bytes(content)
     versions = {"eairl_jax": __version__, "jax": jax.__version__}
     if "onnx" in formats:
         versions["jax2onnx"] = importlib.metadata.version("jax2onnx")

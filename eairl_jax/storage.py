@@ -93,16 +93,22 @@ def unsealed(content: dict, where: Path | str, arrays: Mapping[str, np.ndarray] 
     return {name: value for name, value in content.items() if name not in (SEALED, CHECKSUM)}
 
 
-def write_json(path: Path, content: dict) -> None:
-    """Writes JSON atomically: a reader finds the old file or the new file, never a part of one."""
-    write_bytes(path, (json.dumps(content, indent=2) + "\n").encode())
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Gives the path of a file to write. At the end of the context this file takes the place of `path`.
 
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Writes a file atomically."""
+    A reader finds the old file or the new file, never a part of one, even if the process is killed. If the context
+    fails, the old file stays.
+    """
     unfinished = path.with_name(path.name + ".part")
-    unfinished.write_bytes(content)
+    yield unfinished
     os.replace(unfinished, path)
+
+
+def write_json(path: Path, content: dict) -> None:
+    """Writes JSON, atomically (`replacing`)."""
+    with replacing(path) as unfinished:
+        unfinished.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def read_json(path: Path, expected: Schema | None = None, advice: str = REWRITE) -> dict:
@@ -159,14 +165,13 @@ def as_json(content: Any, expected: Schema, what: str) -> dict:
 
 def write_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
     """Writes arrays as an `.npz`, atomically: compressed, unless that makes the file so small that none may read it."""
-    unfinished = path.with_name(path.name + ".part")
-    with open(unfinished, "wb") as f:
-        _savez(f, arrays)
-    size = sum(x.nbytes for x in arrays.values())
-    if size > untrusted.SMALL // 2 and size > untrusted.MAX_RATIO / 2 * unfinished.stat().st_size:
+    with replacing(path) as unfinished:
         with open(unfinished, "wb") as f:
-            _save_plain(f, arrays)
-    os.replace(unfinished, path)
+            _savez(f, arrays)
+        size = sum(x.nbytes for x in arrays.values())
+        if size > untrusted.SMALL // 2 and size > untrusted.MAX_RATIO / 2 * unfinished.stat().st_size:
+            with open(unfinished, "wb") as f:
+                _save_plain(f, arrays)
 
 
 def _savez(file: IO[bytes], arrays: dict[str, Any]) -> None:

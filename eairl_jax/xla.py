@@ -12,7 +12,10 @@ No function here imports jax before it has set the environment variables that ja
 
 from __future__ import annotations
 
+import importlib
 import os
+import time
+import zlib
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -23,6 +26,8 @@ from eairl_jax.errors import InputError
 if TYPE_CHECKING:
     import jax
 
+ZSTANDARD = b"\x28\xb5\x2f\xfd"
+"""The first bytes of what Zstandard compresses."""
 DEVICE_COUNT_FLAG = "--xla_force_host_platform_device_count"
 
 
@@ -56,6 +61,8 @@ def configure_jax() -> None:
     for name, value in settings.items():
         if value is not None and name.upper() not in os.environ:
             jax.config.update(name, value)
+    if cache and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        remove_torn(Path(cache))
 
 
 def refuse_double_precision() -> None:
@@ -179,6 +186,47 @@ def compilation_cache(environ: Mapping[str, str]) -> str | None:
         return None
     is_home = home.is_absolute() and home != Path(home.anchor)  # an empty HOME means the root
     return str(home / ".cache" / "eairl_jax") if is_home else None
+
+
+CHECKED = ".checked"
+"""A file in the cache. Its time is that of the last `remove_torn`."""
+
+
+def remove_torn(cache: Path) -> None:
+    """Removes programs from the cache that are not whole, because a process was killed while it wrote them.
+
+    JAX never replaces a program that it cannot read: every later process would warn, and compile the program anew.
+    Only programs that were written since the last call are read. A program that another process is writing right now
+    may be removed too; it is then compiled once more.
+    """
+    checked, now = cache / CHECKED, time.time()
+    try:
+        since = checked.stat().st_mtime if checked.exists() else 0.0
+        for path in cache.glob("*-cache"):
+            if path.stat().st_mtime >= since and not is_whole(path.read_bytes()):
+                path.unlink()
+        if cache.is_dir():
+            checked.touch()
+            os.utime(checked, (now, now))
+    except OSError:  # another process removes files too, or the folder can only be read
+        pass
+
+
+def is_whole(program: bytes) -> bool:
+    """Whether a compressed program has its end. JAX compresses by zlib or, where Python has it, by Zstandard."""
+    if not program:
+        return False
+    try:
+        if program.startswith(ZSTANDARD):
+            stream = importlib.import_module("compression.zstd").ZstdDecompressor()  # of Python 3.14
+        else:
+            stream = zlib.decompressobj()
+        stream.decompress(program)
+    except ImportError:
+        return True  # by a package that is not ours
+    except Exception:  # each of the two raises its own
+        return False
+    return stream.eof
 
 
 def can_be_made(folder: str | None) -> bool:

@@ -199,8 +199,9 @@ def _parse(name: str, text: str, default: Any) -> Any:
 
 
 def near_divisor(iterations: int, near: int) -> int:
-    """The divisor of `iterations` nearest to `near`, at most 4 times as large or as small; `near` if there is none."""
-    divisors = (n for n in range(max(1, near // 4), min(4 * near, iterations) + 1) if iterations % n == 0)
+    """The divisor of `iterations` nearest to `near`: at most 4 times as large or as small, or all; else `near`."""
+    smallest = max(1, min(near // 4, iterations))
+    divisors = (n for n in range(smallest, min(4 * near, iterations) + 1) if iterations % n == 0)
     return min(divisors, key=lambda n: max(n / near, near / n), default=near)
 
 

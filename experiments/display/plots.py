@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from eairl_jax.storage import replacing
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -46,9 +48,15 @@ def literal(text: str) -> str:
     return text.replace("$", r"\$")
 
 
+def save(figure, path: Path, dpi: int = 130) -> None:
+    """Saves a figure as PNG, atomically: a picture that is there is whole."""
+    with replacing(path) as unfinished:
+        figure.savefig(unfinished, dpi=dpi, format="png")
+
+
 def plot(path: Path, title: str, curves: Sequence[Curve]) -> None:
     """Saves the picture that `curve_figure` draws."""
-    curve_figure(title, curves).savefig(path, dpi=130)
+    save(curve_figure(title, curves), path)
 
 
 def curve_figure(title: str, curves: Sequence[Curve], columns: int = 4):
@@ -103,7 +111,7 @@ def plot_diagnosis(path: Path, title: str, behaviours: dict[str, tuple[np.ndarra
         axis.invert_yaxis()
         axis.set_xlabel(label)
         axis.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=130)
+    save(figure, path)
 
 
 def plot_sweep(
@@ -143,4 +151,4 @@ def plot_sweep(
         if expert is not None:
             _mark_level(axis, "expert", expert)
         axis.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=130)
+    save(figure, path)

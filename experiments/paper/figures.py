@@ -12,7 +12,7 @@ from eairl_jax import LearnedReward, load_reward
 from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.display import render
 from eairl_jax.experiments.display.console import say
-from eairl_jax.experiments.display.plots import Curve, figure_of, plot
+from eairl_jax.experiments.display.plots import Curve, figure_of, plot, save
 from eairl_jax.experiments.paper import results
 from eairl_jax.experiments.pipeline import policies
 from eairl_jax.experiments.pipeline.episodes import play
@@ -107,7 +107,7 @@ def maze_paths(folder: Path, transfer: list[Result], out: Path) -> None:
                 axis.plot(*path.T, color="white", lw=1.2, alpha=0.9)
         axes[0, column].set_title(f"{results.title(result.name)}\n{result.mean:.1f} in the target", fontsize=9)
     path = folder / f"appendix-c-{task}.png"
-    figure.savefig(path, dpi=110)
+    save(figure, path, dpi=110)
     say(f"{path}")
 
 
@@ -148,7 +148,7 @@ def gaits(folder: Path, transfer: list[Result], out: Path) -> None:
     for row in axes:
         _share_scale(row)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
-    figure.savefig(folder / f"appendix-c-{task}-ways.png", dpi=110)
+    save(figure, folder / f"appendix-c-{task}-ways.png", dpi=110)
     say(f"{folder}/appendix-c-{task}-ways.png, appendix-c-{task}.png and appendix-c-{target}.png")
 
 

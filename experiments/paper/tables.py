@@ -17,6 +17,7 @@ from eairl_jax.experiments.paper import published, results
 from eairl_jax.experiments.pipeline.diagnosis import FROM_EXPERT, TRAINED, VERDICTS, Diagnosis
 from eairl_jax.experiments.pipeline.experiment import Reference
 from eairl_jax.experiments.pipeline.run import Result
+from eairl_jax.storage import replacing
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / "README.md", ROOT / "docs" / "results.md")
@@ -265,7 +266,8 @@ def main() -> None:
     """Rewrites the tables of `PAGES`."""
     for page in PAGES:
         if page.exists():
-            page.write_text(updated(page.read_text(encoding="utf-8")), encoding="utf-8")
+            with replacing(page) as unfinished:
+                unfinished.write_text(updated(page.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 if __name__ == "__main__":

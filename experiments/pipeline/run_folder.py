@@ -7,7 +7,6 @@ import csv
 import datetime
 import hashlib
 import json
-import os
 import platform
 import resource
 import shutil
@@ -25,7 +24,7 @@ from eairl_jax import InputError
 from eairl_jax.experiments.pipeline import records
 from eairl_jax.experiments.settings import SETTINGS, TRIALS, Recipe
 from eairl_jax.schema import Schema
-from eairl_jax.storage import read_json, write_json
+from eairl_jax.storage import read_json, replacing, write_json
 
 SECONDS_ADVICE = "remove the file; its seconds are then not counted"
 MINIMUM_FREE_BYTES = 50_000_000
@@ -66,7 +65,7 @@ class RunFolder:
         config = self.path / "config.json"
         if config.exists():
             refuse_different(self.path, records.settings(self.path), settings)
-        elif any(self.path.iterdir()):
+        elif any(path.name != "config.json.part" for path in self.path.iterdir()):  # a kill leaves this file
             raise InputError(
                 f"{self.path} holds files but no config.json, so it is no run's folder: choose another with --out"
             )
@@ -172,10 +171,8 @@ class RunFolder:
         _check_lines(path, lines[: count + 1], count, labels, advice)
         if len(lines) == count + 1 and not has_mark:
             return
-        unfinished = path.with_name("metrics.csv.part")
-        with open(unfinished, "w", newline="", encoding="utf-8") as f:
+        with replacing(path) as unfinished, open(unfinished, "w", newline="", encoding="utf-8") as f:
             f.writelines(lines[: count + 1])
-        os.replace(unfinished, path)
 
     def _refuse_other_columns(self, header: list[str]) -> None:
         with open(self.path / "metrics.csv", newline="", encoding="utf-8") as f:

@@ -55,6 +55,24 @@ def test_the_newest_two_are_kept(tmp_path):
     assert checkpoints.restore(5, {"iteration": np.int32(0)})["iteration"] == 5
 
 
+def test_what_a_killed_process_was_about_to_remove_is_removed(tmp_path, equal_trees):
+    """After the last save of a run no other save would remove it."""
+    checkpoints = Checkpoints(tmp_path)
+    checkpoints.save(1, TREE)
+    shutil.copytree(tmp_path / "1", tmp_path / "kept")
+    for iteration in (2, 3):
+        checkpoints.save(iteration, TREE)
+    (tmp_path / "kept").rename(tmp_path / "1")
+    (tmp_path / "1" / "sha256.txt").unlink()
+    again = Checkpoints(tmp_path)
+    restored = again.restore_newest(lambda: jax.tree.map(np.zeros_like, TREE))
+    assert restored.iteration == 3
+    equal_trees(restored.state, TREE)
+    assert {path.name for path in tmp_path.iterdir()} == {"2", "3"}
+    again.save(4, TREE)
+    assert {path.name for path in tmp_path.iterdir()} == {"3", "4"}
+
+
 def test_one_whose_writing_was_cut_off_is_not_there(tmp_path):
     Checkpoints(tmp_path).save(1, TREE)
     half = tmp_path / "2.orbax-checkpoint-tmp"  # what a kill leaves behind

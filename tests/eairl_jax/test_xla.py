@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import jax
@@ -172,3 +173,47 @@ def test_a_scalar_passes_unchanged(number):
 def test_nan_becomes_infinity_and_the_loop_holds_a_sort():
     assert xla.prevent_loop_fusion(jnp.asarray(jnp.nan)) == jnp.inf
     assert "sort" in str(jax.make_jaxpr(xla.prevent_loop_fusion)(0.5))
+
+
+COMPILES = """
+import warnings
+warnings.simplefilter("error")  # JAX warns of a program that it cannot read
+from eairl_jax.xla import configure_jax
+configure_jax()
+import jax
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.jit(lambda x: x + 1)(1.0)
+"""
+
+
+def compiled_in_a_process(folder):
+    """The programs that a process with this folder for its cache leaves there."""
+    environ = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
+    environ |= {"JAX_PLATFORMS": "cpu", "XDG_CACHE_HOME": str(folder)}
+    subprocess.run([sys.executable, "-c", COMPILES], env=environ, cwd=ROOT, check=True)
+    return {path.name: path.read_bytes() for path in (folder / "eairl_jax").glob("*-cache")}
+
+
+def test_a_program_that_a_kill_has_torn_is_compiled_and_kept_again(tmp_path):
+    """Without care JAX leaves the torn file for ever, and each process warns and compiles anew."""
+    whole = compiled_in_a_process(tmp_path)
+    assert whole
+    for name, program in whole.items():
+        (tmp_path / "eairl_jax" / name).write_bytes(program[: len(program) // 2])
+    again = compiled_in_a_process(tmp_path)
+    assert again.keys() == whole.keys()
+    assert all(xla.is_whole(program) for program in again.values())
+
+
+def test_only_torn_programs_leave_the_cache_and_each_program_is_read_once(tmp_path, monkeypatch):
+    program = zlib.compress(bytes(10_000))
+    contents = {"whole-cache": program, "half-cache": program[:-5], "empty-cache": b"", "notes": b"no program"}
+    for name, content in contents.items():
+        (tmp_path / name).write_bytes(content)
+    os.utime(tmp_path / "whole-cache", (1, 1))
+    xla.remove_torn(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"whole-cache", "notes", xla.CHECKED}
+    monkeypatch.setattr(xla, "is_whole", lambda program: pytest.fail("read again"))
+    xla.remove_torn(tmp_path)
+    xla.remove_torn(tmp_path / "no such folder")
+    assert not (tmp_path / "no such folder").exists()

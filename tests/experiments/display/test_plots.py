@@ -1,5 +1,7 @@
 """Pictures of curves: what the axes hold."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
@@ -36,11 +38,25 @@ def test_every_panel_has_its_curves_and_spare_axes_are_hidden():
 def test_a_plot_is_a_picture(tmp_path):
     plot(tmp_path / "curves.png", "title", [Curve("return", "", np.ones((2, 3)), 10)])
     assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
+    assert [path.name for path in tmp_path.iterdir()] == ["curves.png"]
+
+
+def test_a_picture_is_there_only_when_it_is_whole(tmp_path, monkeypatch):
+    """A run draws no picture that is there, so half a picture would stay for ever."""
+
+    def killed(figure, path, **_):
+        Path(path).write_bytes(b"\x89PNG")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", killed)
+    with pytest.raises(KeyboardInterrupt):
+        plot(tmp_path / "curves.png", "title", [Curve("return", "", np.ones((2, 3)), 10)])
+    assert not (tmp_path / "curves.png").exists()
 
 
 def test_a_sweep_shows_a_dot_for_each_seed_and_the_expert(tmp_path, monkeypatch):
     figures = []
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, path, **_: figures.append(figure))
+    monkeypatch.setattr("eairl_jax.experiments.display.plots.save", lambda figure, path: figures.append(figure))
     returns, curves = np.array([[1.0, 3.0], [5.0, 5.0]]), np.arange(12.0).reshape(2, 2, 3)
     plot_sweep(tmp_path / "sweep.png", "title", ["lambda_i=0", "lambda_i=1"], returns, curves, 10, 6.0)
     final, learning = figures[0].axes

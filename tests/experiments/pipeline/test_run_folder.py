@@ -25,6 +25,13 @@ def test_two_trainings_in_one_folder_are_refused(tmp_path):
         pass
 
 
+@pytest.mark.parametrize("left", [".writable", "config.json.part"])
+def test_a_folder_that_a_killed_process_was_about_to_claim_can_be_claimed(tmp_path, left):
+    (tmp_path / left).write_text('{"sett')
+    RunFolder(tmp_path, {"task": "pendulum"})
+    assert [path.name for path in tmp_path.iterdir()] == ["config.json"]
+
+
 def test_whether_a_file_can_be_written_changes_none(tmp_path):
     (tmp_path / "empty").write_text("")
     (tmp_path / "full").write_text("kept")
