@@ -1,9 +1,10 @@
 """Train Stable-Baselines3's PPO on a learned reward and, beside it, on the true one.
 
-    eairl imitate pendulum --method eairl --reward-form separable --seeds 3 --out runs/pendulum
-    python examples/sb3_on_a_learned_reward.py runs/pendulum/reward [STEPS]
+    eairl transfer pendulum pendulum --reward-form separable --rule last --seeds 3 --out runs/sb3
+    python examples/sb3_on_a_learned_reward.py runs/sb3/transfer-pendulum-to-pendulum-eairl-separable-last/reward
 
-Each of three seeds takes about a minute for each reward. Needs `pip install "eairl-jax[sb3]"`. The settings of PPO are
+`eairl transfer` learns with settings for rewards that are used again; those of `eairl imitate` are for the policy. Each
+of three seeds takes about a minute for each reward. Needs `pip install "eairl-jax[sb3]"`. The settings of PPO are
 those that RL Baselines3 Zoo gives for this task, but for gamma and the scale of the rewards. The Zoo's gamma, 0.9,
 suits the true reward, which grows on every step of the way up. A learned reward need not. It was learned with gamma
 0.99.

@@ -123,6 +123,8 @@ class Collect:
     """Number of episodes."""
     seed: int = 0
     """Seed of the episodes' random numbers."""
+    mean_action: bool = False
+    """Demonstrate the expert's mean action instead of samples, for example where a sample makes it fall."""
     out: Annotated[Path | None, explained(metavar="FILE", help="File to write. Default: demos/TASK.npz.")] = None
     source: Annotated[
         str | None,

@@ -16,7 +16,10 @@ from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
 
 SHIPPED = "shipped"
 # What the provenance of a file of this library says of its expert, and stays true of any copy.
-KEPT = ("expert_return", "expert_return_mean_action", "random_return", "score_episodes", "seed", "expert")
+KEPT = (
+    "expert_return", "expert_return_mean_action", "expert_return_sampled", "mean_action", "random_return",
+    "score_episodes", "seed", "expert",
+)  # fmt: skip
 # Options that mean something with --from only.
 OF_CONVERSION = ("to", "format", "obs_key", "max_episodes")
 
