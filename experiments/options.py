@@ -290,13 +290,15 @@ class Report:
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Score the policies of a finished run on fresh episodes: an expert's, an imitation's or a transfer's.
+    """Score the policies of a run on fresh episodes: an expert's, an imitation's or a transfer's.
+
+    An expert or an imitation may still train: the policies are then those of its newest checkpoint.
 
     `--engine c` also runs the policies in MuJoCo's C engine (in Gymnasium's environments where they exist), with every
     contact and a solver that converges.
     """
 
-    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a finished run.")]
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a run.")]
     engine: Annotated[
         Literal["mjx", "c", "exact"],
         arg(
@@ -348,13 +350,15 @@ class Diagnose:
 
 @dataclass(frozen=True)
 class View:
-    """Play an episode of a finished run: a web page that needs no network, a strip of frames, and a movie.
+    """Play an episode of a run: a web page that needs no network, a strip of frames, and a movie.
+
+    An expert or an imitation may still train: the policy is then that of its newest checkpoint.
 
     The pictures need OpenGL (EGL on a machine without a display; the variable MUJOCO_GL chooses another). The page
     does not.
     """
 
-    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a finished run.")]
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a run.")]
     seed: Annotated[int | None, explained(help="Seed of the policy to play. Default: the run's first.")] = None
     out: Annotated[Path | None, explained(metavar="DIR", help="Folder to write. Default: RUN/view.")] = None
 

@@ -29,7 +29,7 @@ def run(options: Evaluate, command_line: str) -> None:
     count("--episodes", episodes, 0, MOST_EPISODES)
     if episodes < 2:
         raise InputError(f"--episodes {episodes}: expected at least 2, for a standard error")
-    trained = policies.load(options.run_folder)
+    trained = policies.load(options.run_folder, may_be_unfinished=True)
     if options.json:
         check_writable(options.json)
     env = _c_engine_task(trained, options.engine)

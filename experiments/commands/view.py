@@ -15,7 +15,7 @@ from eairl_jax.experiments.pipeline.run_folder import check_writable
 def run(options: View, command_line: str) -> None:
     """Writes a page that plays an episode and, where the machine can draw, a strip of frames and a movie."""
     del command_line
-    trained = policies.load(options.run_folder)
+    trained = policies.load(options.run_folder, may_be_unfinished=True)
     seed = trained.seeds[0] if options.seed is None else options.seed
     if seed not in trained.seeds:
         raise InputError(f"--seed {seed}: the run has seeds {', '.join(map(str, trained.seeds))}")

@@ -22,6 +22,7 @@ from eairl_jax import (
     save_policy,
 )
 from eairl_jax.envs.mjx_task import Task
+from eairl_jax.experiments.display.console import say
 from eairl_jax.experiments.pipeline import records, user_methods
 from eairl_jax.experiments.pipeline.experiment import make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
@@ -42,6 +43,7 @@ class Policies:
       seeds: numbers of the seeds.
       settings: of the run.
       config: of the networks, without values that the method decides.
+      iteration: that they have behind them; fewer than `config.iterations` if the run is not finished.
     """
 
     task: str
@@ -51,6 +53,7 @@ class Policies:
     seeds: list[int]
     settings: dict
     config: Config
+    iteration: int
 
     def lane(self, lane: int) -> PyTree:
         """The state of one policy, as jax arrays."""
@@ -64,18 +67,23 @@ class Policies:
             "action_size": self.env.action_size,
             "action_limit": self.env.action_limit,
             "seeds": list(self.seeds),
-            "iterations": [self.config.iterations] * len(self.seeds),
+            "iterations": [self.iteration] * len(self.seeds),
         }
         return LearnedPolicy(description, self.config, policy_params(self.state))
 
 
-def load(path: Path) -> Policies:
+def load(path: Path, may_be_unfinished: bool = False) -> Policies:
     """Reads the policies of an expert, of an imitation, or of a transfer (those kept of its restarts).
+
+    Args:
+      may_be_unfinished: whether the policies of an expert or an imitation that still trains will do. They are those of
+        its newest checkpoint.
 
     Raises:
       InputError: if `path` is no run's folder, or the run is not finished.
     """
-    settings = finished_settings(path)
+    is_finished = (path / "summary.json").is_file()
+    settings = finished_settings(path) if is_finished or not may_be_unfinished else _unfinished_settings(path)
     is_transfer = "retrain_config" in settings
     prefix = "retrain_" if is_transfer else ""
     names = ["seeds", "target" if is_transfer else "task", f"{prefix}config", f"{prefix}hparams"]
@@ -90,13 +98,14 @@ def load(path: Path) -> Policies:
     algorithm = make_algorithm(env, config) if is_imitation else make_rl(env, config)
     if is_imitation and config.method != "bc":
         config = with_method_defaults(config)
-    if not (path / "checkpoints" / str(config.iterations)).is_dir():
-        raise InputError(f"{path} has lost its last checkpoint ({config.iterations}), which held its policies")
+    iteration = config.iterations if is_finished else _newest_iteration(path)
+    if not (path / "checkpoints" / str(iteration)).is_dir():
+        raise InputError(f"{path} has lost its last checkpoint ({iteration}), which held its policies")
     restarts = settings.get("restarts", 1)
-    state = _restore(path, algorithm, config, hparams, restarts * len(seeds))
+    state = _restore(path, algorithm, iteration, hparams, restarts * len(seeds))
     if restarts > 1:
         state = take_lanes(state, best_restarts(RunFolder(path, settings), restarts, len(seeds)))
-    return Policies(task, env, algorithm, state, seeds, settings, config)
+    return Policies(task, env, algorithm, state, seeds, settings, config, iteration)
 
 
 def keep(path: Path) -> None:
@@ -116,6 +125,27 @@ def finished_settings(path: Path) -> dict:
     settings = records.settings(path)
     if not (path / "summary.json").is_file():
         raise InputError(f"{path} holds no finished run: repeat the command that began the run, and it goes on")
+    return _with_policies(path, settings)
+
+
+def _unfinished_settings(path: Path) -> dict:
+    """The settings of an expert or an imitation that still trains."""
+    if not (path / "config.json").is_file() or "retrain_config" in (settings := records.settings(path)):
+        return finished_settings(path)  # which says what is missing
+    return _with_policies(path, settings)
+
+
+def _newest_iteration(path: Path) -> int:
+    checkpoints = Checkpoints(path / "checkpoints") if (path / "checkpoints").is_dir() else None
+    newest = checkpoints.latest() if checkpoints else None
+    if newest is None:
+        raise InputError(f"{path} has no checkpoint yet: wait until its first iterations are done")
+    say(f"{path} is not finished: these are the policies of iteration {newest}")
+    return newest
+
+
+def _with_policies(path: Path, settings: dict) -> dict:
+    """The settings of a run that trained policies."""
     if "sweep" in settings:
         raise InputError(f"{path} is a sweep: repeat its best point with `eairl imitate`, and give that run")
     if settings.get("rule", {}).get("kind") == "policy":
@@ -123,15 +153,15 @@ def finished_settings(path: Path) -> dict:
     return settings
 
 
-def _restore(path: Path, algorithm: Algorithm, config: Config, hparams: HParams, lanes: int) -> PyTree:
-    """The states `[lanes, ...]` of the last checkpoint."""
+def _restore(path: Path, algorithm: Algorithm, iteration: int, hparams: HParams, lanes: int) -> PyTree:
+    """The states `[lanes, ...]` of a checkpoint."""
     keys, checkpoints = jax.random.split(jax.random.PRNGKey(0), lanes), Checkpoints(path / "checkpoints")
-    if not checkpoints.is_intact(config.iterations):
+    if not checkpoints.is_intact(iteration):
         raise InputError(
-            f"the last checkpoint of {path} ({config.iterations}) is damaged, and it held the policies: remove "
+            f"the last checkpoint of {path} ({iteration}) is damaged, and it held the policies: remove "
             f"{path / 'summary.json'} and repeat the command that made the run; it goes on from the checkpoint before"
         )
-    return checkpoints.restore(config.iterations, Lanes(algorithm, keys, hparams).blank())
+    return checkpoints.restore(iteration, Lanes(algorithm, keys, hparams).blank())
 
 
 def best_expert(path: Path, task: str) -> Policies:

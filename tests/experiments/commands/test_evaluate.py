@@ -17,14 +17,27 @@ def test_policies_score_alike_again_and_in_the_c_engine(finished, tmp_path, tiny
     np.testing.assert_allclose(returns["C engine"], returns["MJX"], rtol=0.02)
 
 
-@pytest.mark.parametrize(
-    "lost, hint", [("checkpoints", "has lost its last checkpoint"), ("summary.json", "no finished run")]
-)
-def test_a_run_without_policies_is_refused(finished, run, capsys, lost, hint):
-    path = finished / lost
-    shutil.rmtree(path) if path.is_dir() else path.unlink()
+def test_a_run_without_policies_is_refused(finished, run, capsys):
+    shutil.rmtree(finished / "checkpoints")
     assert run("evaluate", finished) == 2
-    assert hint in capsys.readouterr().err
+    assert "has lost its last checkpoint" in capsys.readouterr().err
+    (finished / "summary.json").unlink()
+    assert run("evaluate", finished) == 2
+    assert "has no checkpoint yet" in capsys.readouterr().err
+
+
+def test_policies_of_a_run_that_still_trains_are_those_of_its_newest_checkpoint(finished, run, capsys):
+    (finished / "summary.json").unlink()
+    assert run("evaluate", finished, "--episodes", 2) == 0
+    last = capsys.readouterr().out
+    assert "is not finished: these are the policies of iteration 4" in last
+    shutil.rmtree(finished / "checkpoints" / "4")
+    assert run("evaluate", finished, "--episodes", 2) == 0
+    before = capsys.readouterr().out
+    assert "policies of iteration 2" in before
+    assert before.replace("iteration 2", "iteration 4") != last
+    assert run("export", finished, "--out", finished / "out") == 2
+    assert "holds no finished run" in capsys.readouterr().err
 
 
 def test_figures_that_cannot_be_written_are_refused_first(finished, tmp_path, run, capsys, monkeypatch):

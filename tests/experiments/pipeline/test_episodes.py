@@ -58,7 +58,7 @@ class Counter:
 def test_an_episode_is_over_where_the_task_ends_it(ends_at, steps):
     env = envs.adapt(Counter(ends_at, model=MODEL, qpos=lambda state: state.obs))
     still = Algorithm(lambda *_: None, lambda *_: None, lambda state, obs, key: jnp.zeros((1, 1)))
-    episodes = play(Policies("counter", env, still, {"p": np.zeros(1)}, [0], {}, Config()))
+    episodes = play(Policies("counter", env, still, {"p": np.zeros(1)}, [0], {}, Config(), 100))
     assert (episodes.lengths, episodes.returns) == (steps, steps)
     np.testing.assert_array_equal(episodes.qpos[0, :, 0], np.minimum(np.arange(7), steps))
 
