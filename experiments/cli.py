@@ -28,6 +28,10 @@ DESCRIPTION = (
 )
 
 
+# Commands that compute nothing answer at once: importing jax alone takes a second.
+WITHOUT_JAX = frozenset({"runs"})
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Entry point of `eairl`. Bad input exits with code 2, a failed training with 1, an interruption with 130."""
     print_anything()
@@ -40,16 +44,15 @@ def main(arguments: list[str] | None = None) -> None:
     except InputError as e:
         _exit(str(e), 2)
     options = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="eairl", description=DESCRIPTION, args=each_once)
-    _configure_jax()
+    (name,) = (name for name, record in COMMANDS.items() if type(options) is record)
+    if name not in WITHOUT_JAX:
+        _configure_jax()
     from eairl_jax import Diverged
     from eairl_jax.experiments.pipeline.interruption import STOPPED, Interrupted, exit_on_sigterm
-    from eairl_jax.xla import refuse_double_precision
 
-    (name,) = (name for name, record in COMMANDS.items() if type(options) is record)
     command = importlib.import_module(f"eairl_jax.experiments.commands.{name}")
     exit_on_sigterm()
     try:
-        refuse_double_precision()
         command.run(options, shlex.join(["eairl", *arguments]))
     except InputError as e:
         _exit(str(e), 2)
@@ -75,6 +78,7 @@ def _configure_jax() -> None:
     try:
         remarks = xla.costs(os.environ, xla.usable_cores()) if "jax" not in sys.modules else []
         xla.configure_jax()
+        xla.refuse_double_precision()
     except InputError as e:
         _exit(str(e), 2)
     for remark in remarks:

@@ -334,6 +334,17 @@ class Export:
 
 
 @dataclass(frozen=True)
+class Runs:
+    """List the runs in a folder: task, method, seeds, iterations done, score, age and size; the newest first.
+
+    A score in brackets is that of the last iteration of a run that is not finished.
+    """
+
+    directory: Annotated[Positional[Path], arg(metavar="DIR", help="Folder that holds runs.")] = Path("runs")
+    json: Json = None
+
+
+@dataclass(frozen=True)
 class Diagnose:
     """Say of a finished transfer whether its learned reward is mistaken, or the training on it was not good enough.
 
@@ -388,6 +399,7 @@ COMMANDS = {
     "sweep": Sweep,
     "transfer": Transfer,
     "reproduce": Reproduce,
+    "runs": Runs,
     "report": Report,
     "evaluate": Evaluate,
     "export": Export,

@@ -141,10 +141,9 @@ def _table(title: str, titles: Sequence[str], rows: Sequence[Sequence[str]], lay
 def _print_paragraphs(title: str, titles: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     console.print(title, style="italic", overflow="fold")
     for name, *texts in rows:
-        console.print(name, overflow="fold")
-        for column, text in zip(titles[1:], texts, strict=True):
-            if text not in ("", "-"):
-                console.print(f"  {column}: {text}", overflow="fold")
+        named = zip(titles[1:], texts, strict=True)
+        shown = [f"  {column}: {text}" for column, text in named if text not in ("", "-")]
+        console.print("\n".join([name, *shown]), overflow="fold")
 
 
 def _printable(text: str) -> str:
