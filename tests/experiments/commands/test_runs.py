@@ -23,9 +23,10 @@ def folders(tmp_path):
     shutil.copytree(GOLDEN / "unfinished", tmp_path / "going on")
     (tmp_path / "notes").mkdir()
     (tmp_path / "notes" / "text.txt").write_text("x")
-    old = time.time() - 7200
-    for path in (tmp_path / "sets" / "a [run]").iterdir():
-        os.utime(path, (old, old))
+    for folder, hours in (("sets/a [run]", 2), ("going on", 1)):
+        written = time.time() - 3600 * hours
+        for path in (tmp_path / folder).iterdir():
+            os.utime(path, (written, written))
     return tmp_path
 
 
