@@ -24,7 +24,7 @@ from eairl_jax import (
     rollout,
     train_state,
 )
-from eairl_jax.config import Config, choose
+from eairl_jax.config import Config
 from eairl_jax.environment import check_env
 from eairl_jax.hparams import check_hparams
 from eairl_jax.policy_optimizers import make_optimizer
@@ -72,8 +72,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         discriminates whole trajectories and a rollout does not consist of whole episodes.
     """
     check_env(env)
-    choose("method", config.method, methods.METHODS)
-    config = horizon.resolved(env, methods.with_method_defaults(config), horizon.of_learned_reward(env))
+    config = horizon.resolved(env, methods.of_known_method(config), horizon.of_learned_reward(env))
     horizon.warn_if_variable(env, config)
     env = horizon.learning_env(env, config)
     discriminator_data.check_whole_trajectories(env, config)

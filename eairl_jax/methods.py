@@ -189,6 +189,16 @@ def with_method_defaults(config: Config) -> Config:
     return dataclasses.replace(config, **defaults)
 
 
+def of_known_method(config: Config) -> Config:
+    """`with_method_defaults`, for a configuration that is going to be trained.
+
+    Raises:
+      InputError: if no adversarial method has the name `config.method`.
+    """
+    choose("method", config.method, METHODS)
+    return with_method_defaults(config)
+
+
 def uses_empowerment(config: Config) -> bool:
     """Whether a configuration without "default" values trains q and Phi."""
     return METHODS[config.method].empowerment or config.shaping in ("empowerment", "both")

@@ -77,6 +77,13 @@ Horizon = Annotated[
         "never end an episode."
     ),
 ]
+Track = Annotated[
+    tuple[Literal["tensorboard", "wandb"], ...],
+    explained(
+        help="Also send the metrics to these. tensorboard: event files in the run's folder (`tensorboard --logdir "
+        "runs`). wandb: Weights & Biases. A tracker that fails never stops a run."
+    ),
+]
 Json = Annotated[Path | None, explained(metavar="FILE", help="Write all figures to this file as well.")]
 
 
@@ -104,6 +111,7 @@ class Expert:
     task: Task
     seeds: Seeds = 4
     optimizer: Optimizer = "ppo"
+    track: Track = ()
     out: Out = None
     set: Set = ()
 
@@ -174,6 +182,7 @@ class Imitate:
     horizon: Horizon = None
     optimizer: Optimizer = "ppo"
     demos: Demos = None
+    track: Track = ()
     out: Out = None
     set: Set = ()
 
@@ -194,6 +203,7 @@ class Sweep:
     horizon: Horizon = None
     optimizer: Optimizer = "ppo"
     demos: Demos = None
+    track: Track = ()
     out: Out = None
     set: Annotated[
         tuple[str, ...],
@@ -233,6 +243,7 @@ class Transfer:
         Path | None,
         explained(metavar="DIR", help="Use this saved reward (the reward/ folder of a run) and learn none."),
     ] = None
+    track: Track = ()
     out: Annotated[Path | None, explained(metavar="DIR", help="Folder for the runs' folders. Default: runs/.")] = None
     set: Set = ()
     retrain_set: Annotated[

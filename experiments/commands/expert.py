@@ -42,7 +42,7 @@ def run(options: Expert, command_line: str) -> None:
         "snapshot_every": training.snapshot_every,
     }
     explain_defaults(task)
-    folder = RunFolder(options.out or RUNS / f"expert-{file_name(task)}", settings)
+    folder = RunFolder(options.out or RUNS / f"expert-{file_name(task)}", settings, options.track)
     summary = folder.summary(records.EXPERT)
     if summary is None:
         summary = {"command_line": command_line, "task": task} | _train(folder, env, training, seeds)

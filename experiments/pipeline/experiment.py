@@ -28,6 +28,7 @@ from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.console import say
 from eairl_jax.experiments.options import Bench, Imitate, Sweep, Transfer
 from eairl_jax.experiments.pipeline import records, user_methods
+from eairl_jax.experiments.pipeline.trackers import Track
 from eairl_jax.experiments.settings import (
     GROUPS,
     TRIALS,
@@ -234,6 +235,7 @@ class Experiment:
       is_changed: whether any setting of the method was changed (`BUDGET` apart).
       points: of a sweep, the values of the swept floats; every point is trained with every seed.
       use: of a transfer, where the reward is used.
+      track: who is told of each chunk of the learning, and of the training on the reward (`trackers.tracked`).
     """
 
     source: Source
@@ -243,6 +245,7 @@ class Experiment:
     is_changed: bool = False
     points: tuple[dict[str, float], ...] = ()
     use: Use | None = None
+    track: tuple[Track, ...] = ()
 
     @property
     def config(self) -> Config:
@@ -372,6 +375,7 @@ def sweeps(options: Sweep) -> Experiment:
         horizon=options.horizon,
         optimizer=options.optimizer,
         demos=options.demos,
+        track=options.track,
         set=(*fixed, *largest),
     )
     (experiment,) = imitations(request)
@@ -431,7 +435,8 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
     is_changed, source = bool(set(overrides) - BUDGET), measured(source)
     explain_defaults(task)
     explain_demonstrations(source, recipes)
-    experiments = [Experiment(source, each, seeds, "tuned" if tuned else "", is_changed) for each in recipes]
+    variant, track = "tuned" if tuned else "", getattr(options, "track", ())
+    experiments = [Experiment(source, each, seeds, variant, is_changed, track=track) for each in recipes]
     return list({experiment.name: experiment for experiment in experiments}.values())
 
 

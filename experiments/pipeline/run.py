@@ -194,7 +194,7 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
       InputError: if `out` belongs to a different run, or cannot be written.
       Diverged: when a metric is no longer finite.
     """
-    folder = RunFolder(out, experiment.settings())
+    folder = RunFolder(out, experiment.settings(), experiment.track)
     content = folder.summary()
     if content is None:
         result = _transfer(experiment, experiment.use, folder) if experiment.use else _imitate(experiment, folder)
@@ -256,7 +256,8 @@ def _transfer(experiment: Experiment, use: Use, folder: RunFolder) -> Result:
 def learning_folder(experiment: Experiment, out: Path) -> RunFolder:
     """The folder in `out` where the reward of an experiment is learned, shared by all that learn it alike."""
     settings = experiment.learning_settings()
-    return RunFolder(learning_path(out, experiment.source.task, experiment.learning_name, settings), settings)
+    path = learning_path(out, experiment.source.task, experiment.learning_name, settings)
+    return RunFolder(path, settings, experiment.track)
 
 
 def learning_path(out: Path, task: str, learning_name: str, settings: dict) -> Path:

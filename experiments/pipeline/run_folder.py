@@ -11,7 +11,7 @@ import platform
 import resource
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ import numpy as np
 
 from eairl_jax import InputError
 from eairl_jax.experiments.pipeline import records
+from eairl_jax.experiments.pipeline.trackers import Track
 from eairl_jax.experiments.settings import SETTINGS, TRIALS, Recipe
 from eairl_jax.schema import Schema
 from eairl_jax.storage import read_json, replacing, write_json
@@ -43,13 +44,14 @@ class RunFolder:
     Args:
       path: created if it does not exist.
       settings: everything that makes this run different from any other; JSON values.
+      track: who is told of each chunk of a training in this folder (`trackers.tracked`).
 
     Raises:
       InputError: if the folder belongs to a different run, or cannot be written.
     """
 
-    def __init__(self, path: Path | str, settings: dict):
-        self.path = Path(path)
+    def __init__(self, path: Path | str, settings: dict, track: Sequence[Track] = ()):
+        self.path, self.settings, self.track = Path(path), settings, tuple(track)
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             probe = self.path / ".writable"

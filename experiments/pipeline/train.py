@@ -17,6 +17,7 @@ from rich.text import Text
 from eairl_jax import Algorithm, Checkpoints, Diverged, Lanes, evaluate
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.experiments.display.console import console, say
+from eairl_jax.experiments.pipeline import trackers
 from eairl_jax.experiments.pipeline.interruption import Interruption
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.settings import Recipe
@@ -108,17 +109,23 @@ def train(
         if done >= iterations:
             return lanes.take(state)
         folder.keep_metrics((done - first) * len(labels), labels)
-        with console.status(Text(f"{title}: compiling")):
-            compile_seconds = lanes.compile(state, chunk)
-        folder.add_seconds(compile_seconds=compile_seconds)
-        with _Report(title, recipe, len(labels), done) as report, Interruption() as interruption:
+        steps = recipe.config.steps_per_iteration
+        tracked = trackers.tracked(folder.track, trackers.Training(folder.path, folder.settings, labels, steps, done))
+        with contextlib.ExitStack() as stack:
+            tell_trackers = stack.enter_context(tracked)
+            with console.status(Text(f"{title}: compiling")):
+                compile_seconds = lanes.compile(state, chunk)
+            folder.add_seconds(compile_seconds=compile_seconds)
+            report = stack.enter_context(_Report(title, recipe, len(labels), done))
+            interruption = stack.enter_context(Interruption())
             while done < iterations:
                 started = time.perf_counter()
                 with _named(labels, done, checkpoints.latest()):
                     state, metrics = lanes.run(state, chunk)
                 seconds = time.perf_counter() - started
                 snapshot = lanes.take(state)
-                folder.append_metrics(done, recipe.config.steps_per_iteration, labels, metrics)
+                folder.append_metrics(done, steps, labels, metrics)
+                tell_trackers(done, metrics)
                 done += chunk
                 if on_snapshot:
                     on_snapshot(done, snapshot)
