@@ -219,7 +219,7 @@ class Policy:
         low, high, start = self._config.log_std_min, self._config.log_std_max, self._config.log_std_init
         part = (start - low) / (high - low)
         steepness = 1.0 / ((high - low) * part * (1.0 - part))
-        return low + (high - low) / (1.0 + np.exp(-(steepness * np.asarray(raw) + np.log(part / (1.0 - part)))))
+        return low + (high - low) / (1.0 + np.exp(-(steepness * np.asarray(raw) + math.log(part / (1.0 - part)))))
 
 
 def _length(x: Array) -> int:

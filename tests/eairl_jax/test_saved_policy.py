@@ -63,6 +63,7 @@ def test_samples_in_numpy_have_the_policys_std(trained, changes):
     wide = LearnedPolicy(policy.description | {"action_limit": 100.0}, policy.config, policy.params)
     obs, draws = np.repeat(OBS[:1, :1], 4000, axis=1), np.random.default_rng(0)
     ours = wide.numpy(1)(obs, draws)
+    assert ours.dtype == wide.numpy(1)(obs.astype(np.float64)).dtype == np.float32  # as Gymnasium's spaces ask for
     theirs = wide(obs, jax.random.PRNGKey(0), 1)
     np.testing.assert_allclose(ours.mean(axis=1), theirs.mean(axis=1), atol=0.1)
     np.testing.assert_allclose(ours.std(axis=1), theirs.std(axis=1), rtol=0.05)
