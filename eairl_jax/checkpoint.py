@@ -42,14 +42,13 @@ class Checkpoints:
 
     Args:
       directory: the folder of the checkpoints; it is created.
-      read_only: whether nothing is written: no folder is created, nothing is removed.
     """
 
-    def __init__(self, directory: Path | str, read_only: bool = False):
+    def __init__(self, directory: Path | str):
         import orbax.checkpoint as ocp  # takes a third of a second, which only training has to spend
 
         logging.getLogger("absl").setLevel(logging.ERROR)
-        self._ocp, self._directory, self._read_only = ocp, Path(directory).resolve(), read_only
+        self._ocp, self._directory = ocp, Path(directory).resolve()
         self._open()
 
     def _open(self) -> None:
@@ -58,11 +57,7 @@ class Checkpoints:
             self._directory,
             item_handlers=ocp.StandardCheckpointHandler(),  # needed to read the shapes on disk before the arrays
             options=ocp.CheckpointManagerOptions(
-                max_to_keep=None if self._read_only else KEPT,
-                enable_async_checkpointing=False,
-                cleanup_tmp_directories=not self._read_only,
-                create=not self._read_only,
-                read_only=self._read_only,
+                max_to_keep=KEPT, enable_async_checkpointing=False, cleanup_tmp_directories=True
             ),
         )
 

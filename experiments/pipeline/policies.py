@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -112,10 +111,10 @@ def load(path: Path, may_be_unfinished: bool = False) -> Policies:
 def keep(path: Path) -> None:
     """Writes the policies of a finished run into its folder `policy/`.
 
-    Nothing happens if they are there, if the run's checkpoints have been removed, or if nothing can be written.
+    Nothing happens if they are there, or if the run's checkpoints have been removed.
     """
-    folder, can_write = path / "policy", os.access(path, os.W_OK)
-    if can_write and not (folder / "policy.json").exists() and (path / "checkpoints").is_dir():
+    folder = path / "policy"
+    if not (folder / "policy.json").exists() and (path / "checkpoints").is_dir():
         save_policy(folder, load(path).learned())
 
 
@@ -137,7 +136,7 @@ def _unfinished_settings(path: Path) -> dict:
 
 
 def _newest_iteration(path: Path) -> int:
-    checkpoints = Checkpoints(path / "checkpoints", read_only=True) if (path / "checkpoints").is_dir() else None
+    checkpoints = Checkpoints(path / "checkpoints") if (path / "checkpoints").is_dir() else None
     newest = checkpoints.latest() if checkpoints else None
     if newest is None:
         raise InputError(f"{path} has no checkpoint yet: wait until its first iterations are done")
@@ -156,10 +155,7 @@ def _with_policies(path: Path, settings: dict) -> dict:
 
 def _restore(path: Path, algorithm: Algorithm, iteration: int, hparams: HParams, lanes: int) -> PyTree:
     """The states `[lanes, ...]` of a checkpoint."""
-    keys, checkpoints = (
-        jax.random.split(jax.random.PRNGKey(0), lanes),
-        Checkpoints(path / "checkpoints", read_only=True),
-    )
+    keys, checkpoints = jax.random.split(jax.random.PRNGKey(0), lanes), Checkpoints(path / "checkpoints")
     if not checkpoints.is_intact(iteration):
         raise InputError(
             f"the last checkpoint of {path} ({iteration}) is damaged, and it held the policies: remove "

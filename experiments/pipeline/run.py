@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -203,7 +202,7 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
         folder.write_summary(result.to_json())
     else:
         result = Result.from_json(content, f"{folder.path}/summary.json")
-    if not (folder.path / "curves.png").exists() and os.access(folder.path, os.W_OK):
+    if not (folder.path / "curves.png").exists():
         _draw(experiment, folder, result)
     if not experiment.points and not (experiment.use and experiment.use.rule.kind == "policy"):
         policies.keep(folder.path)

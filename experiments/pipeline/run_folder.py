@@ -52,19 +52,6 @@ class RunFolder:
 
     def __init__(self, path: Path | str, settings: dict, track: Sequence[Track] = ()):
         self.path, self.settings, self.track = Path(path), settings, tuple(track)
-        config = self.path / "config.json"
-        if config.exists():
-            refuse_different(self.path, records.settings(self.path), settings)
-            return  # what only reads the run needs no leave to write
-        self._check_writable()
-        if any(path.name != "config.json.part" for path in self.path.iterdir()):  # a kill leaves this file
-            raise InputError(
-                f"{self.path} holds files but no config.json, so it is no run's folder: choose another with --out"
-            )
-        write_json(config, {"settings": settings, "machine": machine()})
-
-    def _check_writable(self) -> None:
-        """Creates the folder; raises `InputError` if nothing can be written there."""
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             probe = self.path / ".writable"
@@ -77,15 +64,23 @@ class RunFolder:
                 f"the disk of {self.path} has less than {MINIMUM_FREE_BYTES // 10**6} MB free: free some space, or "
                 "choose another folder with --out"
             )
+        config = self.path / "config.json"
+        if config.exists():
+            refuse_different(self.path, records.settings(self.path), settings)
+        elif any(path.name != "config.json.part" for path in self.path.iterdir()):  # a kill leaves this file
+            raise InputError(
+                f"{self.path} holds files but no config.json, so it is no run's folder: choose another with --out"
+            )
+        else:
+            write_json(config, {"settings": settings, "machine": machine()})
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
         """Keeps other processes from training in the folder: they would mix their metrics and checkpoints.
 
         Raises:
-          InputError: if another process is training in the folder, or if it cannot be written.
+          InputError: if another process is training in the folder.
         """
-        self._check_writable()
         try:
             with filelock.FileLock(self.path / ".lock", timeout=0):
                 yield
