@@ -77,6 +77,13 @@ Horizon = Annotated[
         "never end an episode."
     ),
 ]
+OnNan = Annotated[
+    Literal["stop", "skip"],
+    arg(
+        help="What happens when a value becomes NaN or infinite. stop: the command stops, and the last good checkpoint "
+        "is kept. skip: the seed is dropped and the others go on; the table and summary.json say which seed and why."
+    ),
+]
 Json = Annotated[Path | None, explained(metavar="FILE", help="Write all figures to this file as well.")]
 
 
@@ -104,6 +111,7 @@ class Expert:
     task: Task
     seeds: Seeds = 4
     optimizer: Optimizer = "ppo"
+    on_nan: OnNan = "stop"
     out: Out = None
     set: Set = ()
 
@@ -172,6 +180,7 @@ class Imitate:
     horizon: Horizon = None
     optimizer: Optimizer = "ppo"
     demos: Demos = None
+    on_nan: OnNan = "stop"
     out: Out = None
     set: Set = ()
 
@@ -192,6 +201,7 @@ class Sweep:
     horizon: Horizon = None
     optimizer: Optimizer = "ppo"
     demos: Demos = None
+    on_nan: OnNan = "stop"
     out: Out = None
     set: Annotated[
         tuple[str, ...],
@@ -231,6 +241,7 @@ class Transfer:
         Path | None,
         explained(metavar="DIR", help="Use this saved reward (the reward/ folder of a run) and learn none."),
     ] = None
+    on_nan: OnNan = "stop"
     out: Annotated[Path | None, explained(metavar="DIR", help="Folder for the runs' folders. Default: runs/.")] = None
     set: Set = ()
     retrain_set: Annotated[

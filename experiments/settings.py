@@ -44,6 +44,9 @@ class Recipe:
     random_std: float = 1.0
     """The std of a random trial before the first iteration, as a multiple of the std of the other trials. All policies
     end with the same std."""
+    on_nan: str = "stop"
+    """What happens when a value of a seed is no longer finite. "stop": the training stops. "skip": the seed is dropped,
+    and the others go on."""
 
     def checked(self) -> Recipe:
         """The recipe with short trainings that are possible in its number of iterations.

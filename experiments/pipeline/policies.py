@@ -22,7 +22,7 @@ from eairl_jax import (
     save_policy,
 )
 from eairl_jax.envs.mjx_task import Task
-from eairl_jax.experiments.pipeline import records, user_methods
+from eairl_jax.experiments.pipeline import divergence, records, user_methods
 from eairl_jax.experiments.pipeline.experiment import make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import best_restarts, last_tenth, make_algorithm
@@ -72,6 +72,8 @@ class Policies:
 def load(path: Path) -> Policies:
     """Reads the policies of an expert, of an imitation, or of a transfer (those kept of its restarts).
 
+    Seeds that were dropped are left out.
+
     Raises:
       InputError: if `path` is no run's folder, or the run is not finished.
     """
@@ -92,10 +94,13 @@ def load(path: Path) -> Policies:
         config = with_method_defaults(config)
     if not (path / "checkpoints" / str(config.iterations)).is_dir():
         raise InputError(f"{path} has lost its last checkpoint ({config.iterations}), which held its policies")
-    restarts = settings.get("restarts", 1)
+    restarts, folder = settings.get("restarts", 1), RunFolder(path, settings)
     state = _restore(path, algorithm, config, hparams, restarts * len(seeds))
     if restarts > 1:
-        state = take_lanes(state, best_restarts(RunFolder(path, settings), restarts, len(seeds)))
+        state = take_lanes(state, best_restarts(folder, restarts, len(seeds)))
+    if folder.dropped():
+        kept = divergence.kept_seeds(folder)
+        state, seeds = take_lanes(state, kept), [seeds[lane] for lane in kept]
     return Policies(task, env, algorithm, state, seeds, settings, config)
 
 
@@ -145,8 +150,10 @@ def best_expert(path: Path, task: str) -> Policies:
     experts = load(path)
     if experts.task != task or {"demonstrations", "retrain_config"} & set(experts.settings):
         raise InputError(f"{path} holds no expert of {task}: train one with `eairl expert {task}`")
-    returns = last_tenth(RunFolder(path, experts.settings).curve("true_return", len(experts.seeds)))
-    best = int(np.argmax(returns))
-    settings = experts.settings | {"chosen_seed": best, "chosen_by": "training return of the last tenth"}
+    folder = RunFolder(path, experts.settings)
+    kept, count = divergence.kept_seeds(folder), experts.settings["seeds"]
+    curves = folder.curve("true_return", count if isinstance(count, int) else len(count))
+    best = int(np.argmax(last_tenth(curves)[kept]))
+    settings = experts.settings | {"chosen_seed": experts.seeds[best], "chosen_by": "training return of the last tenth"}
     state = take_lanes(experts.state, np.array([best]))
     return dataclasses.replace(experts, state=state, seeds=[experts.seeds[best]], settings=settings)

@@ -49,7 +49,7 @@ class RunFolder:
     """
 
     def __init__(self, path: Path | str, settings: dict):
-        self.path = Path(path)
+        self.path, self.settings = Path(path), settings
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             probe = self.path / ".writable"
@@ -114,6 +114,18 @@ class RunFolder:
         more = {"compile_seconds": compile_seconds, "run_seconds": run_seconds}
         before = read_json(path, records.SECONDS, SECONDS_ADVICE) if path.exists() else dict.fromkeys(more, 0.0)
         write_json(path, {name: before[name] + seconds for name, seconds in more.items()})
+
+    def dropped(self) -> list[dict]:
+        """The lanes that were dropped because a value was not finite (`divergence`), in the order of dropping."""
+        path = self.path / "dropped.json"
+        return read_json(path, records.DROPPED, records.AGAIN)["dropped"] if path.exists() else []
+
+    def drop(self, entries: list[dict]) -> None:
+        """Adds entries of `divergence.entry` that are not there."""
+        before = self.dropped()
+        new = [each for each in entries if each not in before]
+        if new:
+            write_json(self.path / "dropped.json", {"dropped": before + new})
 
     # Metrics ---------------------------------------------------------------------------------------------------------
 

@@ -1,11 +1,15 @@
 """A training goes on where it was killed, and stops at a NaN."""
 
+import json
+
+import jax
 import numpy as np
 import pytest
 
-from eairl_jax import Checkpoints, InputError, Lanes, lanes
-from eairl_jax.experiments.pipeline import policies, train
+from eairl_jax import Checkpoints, Diverged, InputError, Lanes, load_policy, load_reward
+from eairl_jax.experiments.pipeline import divergence, policies, train
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
+from eairl_jax.storage import named_leaves
 
 
 def test_a_killed_run_goes_on_bit_identically(finished, tmp_path, tiny, monkeypatch, imitate):
@@ -50,24 +54,114 @@ def read_state(folder):
     return manager.restore(4, args=ocp.args.StandardRestore())
 
 
-def test_nan_stops_the_run_and_keeps_the_last_good_checkpoint(tmp_path, tiny, monkeypatch, capsys, imitate):
+def poison(monkeypatch, of_chunk, in_state=False):
+    """From now on the metric `value_loss` of seed 1, or a weight of its policy, is NaN at the end of a chunk."""
     run_lanes = Lanes.run
 
-    def poisoned(self, state, length):
-        state, metrics = run_lanes(self, state, length)
-        if (tmp_path / "run" / "snapshots" / "000002").exists():
+    def poisoned(self, state, length, check=True):
+        chunk = int(np.asarray(state.agent.iteration)[0]) // length + 1
+        state, metrics = run_lanes(self, state, length, check)
+        if chunk == of_chunk and in_state:
+            leaves, tree = jax.tree.flatten(self.take(state))
+            names = list(named_leaves(self.take(state)))
+            weight = names.index("agent/policy/nets/params/actor/params/MLP_0/Dense_0/kernel")
+            leaves[weight] = leaves[weight].copy()
+            leaves[weight][1, 0, 0] = np.nan
+            state = self.put(jax.tree.unflatten(tree, leaves))
+        elif chunk == of_chunk:
             metrics["value_loss"] = metrics["value_loss"].copy()
             metrics["value_loss"][1, 1] = np.nan
-        lanes.refuse_not_finite(metrics)
         return state, metrics
 
     monkeypatch.setattr(Lanes, "run", poisoned)
-    assert imitate(tmp_path / "run", tiny) == 1
-    message = capsys.readouterr().err
-    assert "value_loss" in message
-    assert "iteration 4" in message
-    assert "seed 1" in message
-    assert Checkpoints(tmp_path / "run" / "checkpoints").latest() == 2
+
+
+def test_nan_stops_the_run_or_drops_its_seed(
+    finished, tmp_path, tiny, monkeypatch, capsys, run, imitate, metrics_lines
+):
+    folder = tmp_path / "nan"
+    with monkeypatch.context() as patch:
+        poison(patch, of_chunk=2)
+        assert imitate(folder, tiny) == 1
+        message = capsys.readouterr().err
+        assert "value_loss became nan at iteration 4 (seed 1); the checkpoint of iteration 2 is kept" in message
+        assert "--on-nan skip" in message
+        assert Checkpoints(folder / "checkpoints").latest() == 2
+        assert not (folder / "dropped.json").exists()
+        assert imitate(folder, tiny, "--on-nan", "skip") == 0
+    why = "value_loss became nan at iteration 4 of eairl-sa in pendulum"
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "going on from iteration 2" in printed
+    assert f"eairl-sa: mean of 1 of 2 seeds; dropped: seed 1 ({why})" in printed
+    summary, whole = (json.loads((path / "summary.json").read_text()) for path in (folder, finished))
+    assert summary["seeds"] == [0]
+    assert summary["returns"] == whole["returns"][:1]
+    assert summary["mean"] == whole["returns"][0]
+    reason = {"training": "eairl-sa in pendulum", "quantity": "value_loss", "iteration": 4, "value": "nan"}
+    assert summary["dropped"] == [{"seed": 1, **reason}]
+    assert load_reward(folder / "reward").description["seeds"] == [0]
+    assert policies.load(folder).seeds == load_policy(folder / "policy").description["seeds"] == [0]
+    lines, wanted = metrics_lines(folder), metrics_lines(finished)
+    assert lines[:-1] == wanted[:-1]  # the last line is the one that is not finite
+    assert lines[-1]["iteration"] == "4"
+    assert lines[-1]["value_loss"] == lines[-1]["true_return"] == "nan"
+    assert imitate(folder, tiny) == 0  # read again
+    assert f"dropped: seed 1 ({why})" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_run_that_goes_on_knows_which_seeds_were_dropped(finished, tmp_path, tiny, monkeypatch, capsys, imitate):
+    """NaN in the state alone, in the first chunk; then the run is killed, and goes on without the NaN."""
+
+    def killed(*_arguments):
+        raise KeyboardInterrupt
+
+    folder, metrics = tmp_path / "nan", RunFolder.append_metrics
+    with monkeypatch.context() as patch:
+        poison(patch, of_chunk=1, in_state=True)
+        patch.setattr(
+            RunFolder, "append_metrics", lambda self, done, *more: killed() if done else metrics(self, done, *more)
+        )
+        assert imitate(folder, tiny, "--on-nan", "skip") == 130
+    assert imitate(folder, tiny) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert (
+        "dropped: seed 1 (agent/policy/nets/params/actor/params/MLP_0/Dense_0/kernel became nan at iteration 2"
+        in printed
+    )
+    summary, whole = (json.loads((path / "summary.json").read_text()) for path in (folder, finished))
+    assert (summary["seeds"], summary["returns"]) == ([0], whole["returns"][:1])
+
+
+def test_without_any_seed_there_is_no_score(tmp_path):
+    folder, labels = RunFolder(tmp_path, {"seeds": 2}), [{"seed": 0}, {"seed": 1}]
+    good = {"net": np.ones((2, 3), np.float32)}
+    guard = divergence.Guard(folder, "a training", labels, "skip", good)
+    both = {"loss": np.array([[1.0, np.nan], [np.inf, 1.0]])}
+    with pytest.raises(
+        Diverged, match=r"every seed has diverged.*seed 0 \(loss became nan at iteration 2 of a training"
+    ):
+        guard.checked(0, good, both, None)
+    with pytest.raises(Diverged, match="every seed has diverged"):
+        divergence.kept_seeds(folder)
+
+
+def test_a_dropped_lane_keeps_its_last_good_state(tmp_path):
+    """And the others their own; a lane of a restart drops its seed."""
+    labels = [{"restart": restart, "seed": seed} for restart in (0, 1) for seed in (5, 6)]
+    folder = RunFolder(tmp_path, {"seeds": [5, 6]})
+    states = [{"net": np.full((4, 2), float(chunk), np.float32)} for chunk in range(3)]
+    states[2]["net"][1, 0] = np.inf
+    guard = divergence.Guard(folder, "a training", labels, "skip", states[0])
+    metrics = {"loss": np.zeros((4, 2))}
+    assert guard.checked(0, states[1], metrics, None)[0] is states[1]
+    state, metrics = guard.checked(2, states[2], metrics, 2)
+    np.testing.assert_array_equal(state["net"][:, 0], [2, 1, 2, 2])
+    np.testing.assert_array_equal(np.isnan(metrics["loss"]), [[0, 0], [0, 1], [0, 0], [0, 0]])
+    state, metrics = guard.checked(4, {"net": states[2]["net"] + 1}, {"loss": np.zeros((4, 2))}, 4)
+    np.testing.assert_array_equal(state["net"][:, 0], [3, 1, 3, 3])
+    np.testing.assert_array_equal(np.isnan(metrics["loss"]).all(axis=1), [False, True, False, False])
+    assert divergence.kept_seeds(folder).tolist() == [0]
+    assert divergence.kept(folder, labels).tolist() == [0, 2, 3]
 
 
 def test_a_disk_that_fails_is_reported_and_nothing_is_lost(tmp_path, tiny, monkeypatch, capsys, imitate):
