@@ -42,13 +42,14 @@ class Checkpoints:
 
     Args:
       directory: the folder of the checkpoints; it is created.
+      read_only: whether nothing is to be written or removed, so that the folder may lie where nobody may write.
     """
 
-    def __init__(self, directory: Path | str):
+    def __init__(self, directory: Path | str, read_only: bool = False):
         import orbax.checkpoint as ocp  # takes a third of a second, which only training has to spend
 
         logging.getLogger("absl").setLevel(logging.ERROR)
-        self._ocp, self._directory = ocp, Path(directory).resolve()
+        self._ocp, self._directory, self._read_only = ocp, Path(directory).resolve(), read_only
         self._open()
 
     def _open(self) -> None:
@@ -57,7 +58,11 @@ class Checkpoints:
             self._directory,
             item_handlers=ocp.StandardCheckpointHandler(),  # needed to read the shapes on disk before the arrays
             options=ocp.CheckpointManagerOptions(
-                max_to_keep=KEPT, enable_async_checkpointing=False, cleanup_tmp_directories=True
+                max_to_keep=None if self._read_only else KEPT,
+                enable_async_checkpointing=False,
+                cleanup_tmp_directories=not self._read_only,
+                create=not self._read_only,
+                read_only=self._read_only,
             ),
         )
 

@@ -45,12 +45,14 @@ def run(options: Expert, command_line: str) -> None:
     folder = RunFolder(options.out or RUNS / f"expert-{file_name(task)}", settings)
     summary = folder.summary(records.EXPERT)
     if summary is None:
+        folder.prepare()
         summary = {"command_line": command_line, "task": task} | _train(folder, env, training, seeds)
         returns = folder.curve("true_return", seeds)[divergence.kept_seeds(folder)]
         curve = Curve("true return", "", returns, training.config.steps_per_iteration)
         plot(folder.path / "curves.png", f"Experts of {task}", [curve])
         folder.write_summary(summary)
-    policies.keep(folder.path)
+    if folder.is_writable():
+        policies.keep(folder.path)
     figures = [published.figure(table, task, "expert") for table in (published.IMITATION, published.TRANSFER)]
     note = divergence.note(summary.get("dropped", []), seeds)
     lines = [

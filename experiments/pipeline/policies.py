@@ -130,7 +130,10 @@ def finished_settings(path: Path) -> dict:
 
 def _restore(path: Path, algorithm: Algorithm, config: Config, hparams: HParams, lanes: int) -> PyTree:
     """The states `[lanes, ...]` of the last checkpoint."""
-    keys, checkpoints = jax.random.split(jax.random.PRNGKey(0), lanes), Checkpoints(path / "checkpoints")
+    keys, checkpoints = (
+        jax.random.split(jax.random.PRNGKey(0), lanes),
+        Checkpoints(path / "checkpoints", read_only=True),
+    )
     if not checkpoints.is_intact(config.iterations):
         raise InputError(
             f"the last checkpoint of {path} ({config.iterations}) is damaged, and it held the policies: remove "

@@ -217,11 +217,14 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
     folder = RunFolder(out, experiment.settings())
     content = folder.summary()
     if content is None:
+        folder.prepare()
         result = _transfer(experiment, experiment.use, folder) if experiment.use else _imitate(experiment, folder)
         result = dataclasses.replace(result, command_line=command_line, machine=machine())
         folder.write_summary(result.to_json())
     else:
         result = Result.from_json(content, f"{folder.path}/summary.json")
+    if not folder.is_writable():  # a finished run, read from a place where nobody may write
+        return result
     if not (folder.path / "curves.png").exists():
         _draw(experiment, folder, result)
     if not experiment.points and not (experiment.use and experiment.use.rule.kind == "policy"):
@@ -327,6 +330,7 @@ def reuse(
     content = folder.summary()
     if content is not None:
         return Result.from_json(content, f"{folder.path}/summary.json")
+    folder.prepare()
     name = f"{file_name(reward.config.method)}-{with_method_defaults(reward.config).reward_form}"
     save_reward(folder.path / "reward", reward)
     scored = stages.score(folder, f"{name} in {target.task}", target, reward, seeds)

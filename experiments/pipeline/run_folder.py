@@ -7,6 +7,7 @@ import csv
 import datetime
 import hashlib
 import json
+import os
 import platform
 import resource
 import shutil
@@ -38,18 +39,35 @@ class RunFolder:
     """The folder of one run.
 
     The first run that opens a folder claims it: `config.json` is written and must agree whenever the folder is opened
-    again. So a command only ever goes on with its own run.
+    again. So a command only ever goes on with its own run. A claimed folder is only read until something is trained.
 
     Args:
       path: created if it does not exist.
       settings: everything that makes this run different from any other; JSON values.
 
     Raises:
-      InputError: if the folder belongs to a different run, or cannot be written.
+      InputError: if the folder belongs to a different run, or if it is new and cannot be written.
     """
 
     def __init__(self, path: Path | str, settings: dict):
         self.path, self.settings = Path(path), settings
+        config = self.path / "config.json"
+        if config.exists():  # nothing is written: a run can be read where nobody may write
+            refuse_different(self.path, records.settings(self.path), settings)
+            return
+        self.prepare()
+        if any(path.name != "config.json.part" for path in self.path.iterdir()):  # a kill leaves this file
+            raise InputError(
+                f"{self.path} holds files but no config.json, so it is no run's folder: choose another with --out"
+            )
+        write_json(config, {"settings": settings, "machine": machine()})
+
+    def prepare(self) -> None:
+        """Makes the folder, and tries whether it can be written. It is better to fail before anything is computed.
+
+        Raises:
+          InputError: if it cannot be written, or if its disk is nearly full.
+        """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             probe = self.path / ".writable"
@@ -62,23 +80,19 @@ class RunFolder:
                 f"the disk of {self.path} has less than {MINIMUM_FREE_BYTES // 10**6} MB free: free some space, or "
                 "choose another folder with --out"
             )
-        config = self.path / "config.json"
-        if config.exists():
-            refuse_different(self.path, records.settings(self.path), settings)
-        elif any(path.name != "config.json.part" for path in self.path.iterdir()):  # a kill leaves this file
-            raise InputError(
-                f"{self.path} holds files but no config.json, so it is no run's folder: choose another with --out"
-            )
-        else:
-            write_json(config, {"settings": settings, "machine": machine()})
+
+    def is_writable(self) -> bool:
+        """Whether files can be added. The pictures of a finished run are left out where they cannot."""
+        return os.access(self.path, os.W_OK)
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
         """Keeps other processes from training in the folder: they would mix their metrics and checkpoints.
 
         Raises:
-          InputError: if another process is training in the folder.
+          InputError: if another process is training in the folder, or if it cannot be written.
         """
+        self.prepare()
         try:
             with filelock.FileLock(self.path / ".lock", timeout=0):
                 yield
