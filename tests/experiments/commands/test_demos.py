@@ -5,9 +5,10 @@ import json
 import numpy as np
 
 
-def test_demos_make_what_imitate_reads(expert, tmp_path, tiny, run, capsys):
+def test_demos_make_what_imitate_reads(expert, tmp_path, tiny, run, capsys, unchanged):
     path = tmp_path / "pendulum.npz"
-    assert run("demos", "pendulum", "--expert", expert, "--episodes", 20, "--out", path) == 0
+    with unchanged(expert):  # reading writes nothing
+        assert run("demos", "pendulum", "--expert", expert, "--episodes", 20, "--out", path) == 0
     provenance = json.loads(path.with_suffix(".json").read_text())
     with np.load(path, allow_pickle=False) as arrays:
         assert arrays["obs"].shape == (20 * 200, 3)
