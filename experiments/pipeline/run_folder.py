@@ -25,7 +25,7 @@ from eairl_jax import InputError
 from eairl_jax.experiments.pipeline import records
 from eairl_jax.experiments.settings import SETTINGS, TRIALS, Recipe
 from eairl_jax.schema import Schema
-from eairl_jax.storage import read_json, replacing, write_json
+from eairl_jax.storage import naming, read_json, replacing, write_json
 
 SECONDS_ADVICE = "remove the file; its seconds are then not counted"
 MINIMUM_FREE_BYTES = 50_000_000
@@ -111,7 +111,12 @@ class RunFolder:
         return read_json(path, expected, records.AGAIN) if path.exists() else None
 
     def write_summary(self, summary: dict) -> None:
-        """Marks the run as finished."""
+        """Marks the run as finished.
+
+        Raises:
+          InputError: if the folder was removed meanwhile.
+        """
+        self._refuse_removed()
         write_json(self.path / "summary.json", summary)
 
     def seconds(self) -> dict[str, float]:
@@ -153,13 +158,18 @@ class RunFolder:
           steps: environment steps of an iteration.
           labels: what tells the lanes apart, for example {"seed": 0}.
           metrics: NumPy arrays `[lanes, length]`.
+
+        Raises:
+          InputError: if the folder was removed while it was trained in, or if the file has other columns.
+          OSError: if the file cannot be written, with its path.
         """
+        self._refuse_removed()
         path, names = self.path / "metrics.csv", sorted(metrics)
         length = next(iter(metrics.values())).shape[1]
         is_new, header = not path.exists(), [*labels[0], "iteration", "env_steps", *names]
         if not is_new:
             self._refuse_other_columns(header)
-        with open(path, "a", newline="", encoding="utf-8") as f:
+        with naming(path), open(path, "a", newline="", encoding="utf-8") as f:
             writer = csv.writer(f)
             if is_new:
                 writer.writerow(header)
@@ -199,6 +209,13 @@ class RunFolder:
             return
         with replacing(path) as unfinished, open(unfinished, "w", newline="", encoding="utf-8") as f:
             f.writelines(lines[: count + 1])
+
+    def _refuse_removed(self) -> None:
+        if not (self.path / "config.json").exists():
+            raise InputError(
+                f"{self.path} was removed, or has lost its config.json, while its command was running: bring it back "
+                "and repeat the command to go on; without it, what was computed is lost, and the command begins anew"
+            )
 
     def _refuse_other_columns(self, header: list[str]) -> None:
         with open(self.path / "metrics.csv", newline="", encoding="utf-8") as f:

@@ -1,12 +1,15 @@
 """A training goes on where it was killed, and stops at a NaN."""
 
+import errno
 import json
+import os
+import shutil
 
 import jax
 import numpy as np
 import pytest
 
-from eairl_jax import Checkpoints, Diverged, InputError, Lanes, load_policy, load_reward
+from eairl_jax import Checkpoints, Diverged, InputError, Lanes, checkpoint, load_policy, load_reward
 from eairl_jax.experiments.pipeline import divergence, policies, train
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.storage import named_leaves
@@ -164,15 +167,44 @@ def test_a_dropped_lane_keeps_its_last_good_state(tmp_path):
     assert divergence.kept(folder, labels).tolist() == [0, 2, 3]
 
 
-def test_a_disk_that_fails_is_reported_and_nothing_is_lost(tmp_path, tiny, monkeypatch, capsys, imitate):
+def test_a_disk_that_fails_is_reported_and_nothing_is_lost(
+    finished, tmp_path, tiny, monkeypatch, capsys, imitate, unchanged
+):
+    """A full disk, a used-up quota, and a folder that is removed: one message that says where, and what to do."""
+    folder, reserve, run_lanes = tmp_path / "run", checkpoint.reserve, Lanes.run
+
+    def at_the_second_checkpoint(path, size):
+        if (path / "2").exists():
+            raise OSError(errno.EDQUOT, os.strerror(errno.EDQUOT), str(path))
+        reserve(path, size)
+
     def full(*_arguments, **_more):
-        raise OSError(28, "No space left on device", "metrics.csv")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "metrics.csv")
 
     with monkeypatch.context() as patch:
-        patch.setattr(RunFolder, "append_metrics", full)
-        assert imitate(tmp_path / "run", tiny) == 2
-    assert "No space left" in capsys.readouterr().err
-    assert imitate(tmp_path / "run", tiny) == 0
+        patch.setattr(checkpoint, "reserve", at_the_second_checkpoint)
+        assert imitate(folder, tiny) == 2
+        assert f"quota exceeded ({folder / 'checkpoints'})" in capsys.readouterr().err
+        with unchanged(folder / "checkpoints" / "2"):
+            patch.setattr(RunFolder, "append_metrics", full)
+            assert imitate(folder, tiny) == 2
+        message = capsys.readouterr().err
+        assert "No space left on device (metrics.csv)" in message
+        assert "free some disk, then repeat the command to go on" in message
+    assert imitate(folder, tiny) == 0
+    assert "going on from iteration 2" in capsys.readouterr().out
+    assert (folder / "metrics.csv").read_bytes() == (finished / "metrics.csv").read_bytes()
+
+    def removed(*arguments, **more):
+        shutil.rmtree(folder)
+        return run_lanes(*arguments, **more)
+
+    (folder / "summary.json").unlink()
+    shutil.rmtree(folder / "checkpoints" / "4")
+    with monkeypatch.context() as patch:
+        patch.setattr(Lanes, "run", removed)
+        assert imitate(folder, tiny) == 2
+    assert f"{folder} was removed" in capsys.readouterr().err
     (tmp_path / "file").write_text("")
     assert imitate(tmp_path / "file" / "run", tiny) == 2
     assert "cannot write" in capsys.readouterr().err
