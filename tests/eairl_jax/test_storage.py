@@ -96,8 +96,13 @@ def test_a_file_that_is_not_there_is_named(tmp_path, read):
 def test_a_file_that_cannot_be_written_is_named_and_leaves_no_part(tmp_path):
     path = tmp_path / "a.json"
     storage.write_json(path, {"a": 1})
-    with pytest.raises(OSError, match=r"No space left on device: .*a\.json"), storage.replacing(path) as unfinished:
-        unfinished.write_text("{")
-        raise OSError(28, "No space left on device")
+
+    def write_a_part():
+        with storage.replacing(path) as unfinished:
+            unfinished.write_text("{")
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match=r"No space left on device: .*a\.json"):
+        write_a_part()
     assert [each.name for each in tmp_path.iterdir()] == ["a.json"]
     assert storage.read_json(path) == {"a": 1}
