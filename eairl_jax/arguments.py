@@ -4,13 +4,55 @@ from __future__ import annotations
 
 import math
 import operator
-from typing import Any
+from typing import Any, NamedTuple
 
 from eairl_jax.errors import InputError
 from eairl_jax.schema import shown
 
 LARGEST_COUNT = 2**31 - 1
 """Devices count in 32 bits."""
+
+
+SMALLEST, LARGEST = 1e-12, 1e6
+"""Sizes of the floats of a run: 0, or between these two. A smaller number is lost in float32, and would act as 0; the
+square of a much larger one is infinite there."""
+
+
+class Range(NamedTuple):
+    """The floats that a setting can have. A number that is not 0 has a size of at least `SMALLEST`.
+
+    Attributes:
+      low: the smallest value.
+      high: the largest value.
+      included: whether `low` itself is a value.
+    """
+
+    low: float = 0.0
+    high: float = LARGEST
+    included: bool = True
+
+    def contains(self, values: Any) -> Any:
+        """Whether a number, or each number of an array, is in the range; NaN is not."""
+        above = values >= self.low if self.included else values > self.low
+        # A little less than SMALLEST: its nearest number in float32 is below it.
+        return above & (values <= self.high) & ((values == 0) | (abs(values) >= SMALLEST * (1 - 1e-6)))
+
+    def __str__(self) -> str:
+        bounds = f"at least {self.low:g}" if self.included else f"above {self.low:g}"
+        return f"{bounds} and at most {self.high:g}"
+
+    def check(self, name: str, value: float, example: float) -> None:
+        """Raises `InputError` unless the number is in the range.
+
+        Args:
+          name: of the setting.
+          value: a number.
+          example: a possible value, for the message.
+        """
+        if not self.contains(value):
+            is_tiny = 0 < abs(value) < SMALLEST and self.low <= value
+            hint = f"; a number below {SMALLEST:g} acts as 0" if is_tiny else ""
+            raise InputError(f"{name} = {value:g}: expected a number {self}, for example {example:g}{hint}")
 
 
 def whole_number(value: Any) -> int:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import logging
+import os
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,10 +16,11 @@ import jax
 import numpy as np
 
 from eairl_jax.errors import InputError
-from eairl_jax.storage import named_leaves
+from eairl_jax.storage import named_leaves, replacing, reserve
 from eairl_jax.types import PyTree
 
 KEPT = 2  # the newest checkpoint, and the one before it
+SPARE_BYTES = 2**20  # beside the arrays of a checkpoint: the descriptions, and what blocks of the disk waste
 DIGEST = "sha256.txt"  # in the folder of a checkpoint: the digest of all other files in it
 
 
@@ -42,13 +46,14 @@ class Checkpoints:
 
     Args:
       directory: the folder of the checkpoints; it is created.
+      read_only: whether nothing is to be written or removed, so that the folder may lie where nobody may write.
     """
 
-    def __init__(self, directory: Path | str):
+    def __init__(self, directory: Path | str, read_only: bool = False):
         import orbax.checkpoint as ocp  # takes a third of a second, which only training has to spend
 
-        logging.getLogger("absl").setLevel(logging.ERROR)
-        self._ocp, self._directory = ocp, Path(directory).resolve()
+        logging.getLogger("absl").setLevel(logging.CRITICAL)  # an error is raised too, and said once
+        self._ocp, self._directory, self._read_only = ocp, Path(directory).resolve(), read_only
         self._open()
 
     def _open(self) -> None:
@@ -57,7 +62,11 @@ class Checkpoints:
             self._directory,
             item_handlers=ocp.StandardCheckpointHandler(),  # needed to read the shapes on disk before the arrays
             options=ocp.CheckpointManagerOptions(
-                max_to_keep=KEPT, enable_async_checkpointing=False, cleanup_tmp_directories=True
+                max_to_keep=None if self._read_only else KEPT,
+                enable_async_checkpointing=False,
+                cleanup_tmp_directories=not self._read_only,
+                create=not self._read_only,
+                read_only=self._read_only,
             ),
         )
 
@@ -66,13 +75,24 @@ class Checkpoints:
         return self._manager.latest_step()
 
     def save(self, iteration: int, state: PyTree) -> None:
-        """Writes a state of arrays; returns when the state is on disk."""
-        self._manager.save(iteration, args=self._ocp.args.StandardSave(_filled(named_leaves(state))))
-        self._manager.wait_until_finished()
-        folder = self._directory / str(iteration)
-        unfinished = folder / f"{DIGEST}.part"
-        unfinished.write_text(_digest(folder), encoding="ascii")
-        unfinished.replace(folder / DIGEST)
+        """Writes a state of arrays; returns when the state is on disk.
+
+        Raises:
+          OSError: if it cannot be written, for example because the disk is full. Earlier checkpoints stay as they are.
+        """
+        leaves, folder = _filled(named_leaves(state)), self._directory / str(iteration)
+        self._directory.mkdir(parents=True, exist_ok=True)
+        # orbax would meet a full disk in many threads, which print hundreds of lines.
+        reserve(self._directory, sum(leaf.nbytes for leaf in leaves.values()) * 5 // 4 + SPARE_BYTES)
+        try:
+            self._manager.save(iteration, args=self._ocp.args.StandardSave(leaves))
+            self._manager.wait_until_finished()
+        except Exception as e:  # orbax and tensorstore raise many exceptions, the number of the system's in their text
+            code = re.search(r"os_error_code='(\d+)'", str(e))
+            number = int(code[1]) if code else getattr(e, "errno", None) or errno.EIO
+            raise OSError(number, os.strerror(number), str(folder)) from e
+        with replacing(folder / DIGEST) as unfinished:
+            unfinished.write_text(_digest(folder), encoding="ascii")
 
     def is_intact(self, iteration: int) -> bool:
         """Whether the files of a checkpoint are those that were written (earlier versions wrote no digest)."""

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eairl_jax.arguments import LARGEST_COUNT, real_number, whole_number
+from eairl_jax.arguments import LARGEST_COUNT, Range, real_number, whole_number
 from eairl_jax.errors import InputError
 from eairl_jax.schema import listed, shown
 
 MOST_LAYERS, LARGEST_WIDTH = 100, 2**16
-LARGEST_LOG_STD = 30.0
+LOG_STD = Range(-30.0, 30.0)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,8 @@ class Config:
     expert's samples often lie far beyond the bounds. How far has no effect, but a discriminator of sampled actions
     sees it."""
     log_std_init: float = -0.5
-    """Log of the policy's std before the first update; between log_std_min and log_std_max."""
+    """Log of the policy's std before the first update; between log_std_min and log_std_max. All three are from -30 to
+    30."""
     log_std_min: float = -5.0
     """Lower bound on the log of the policy's std."""
     log_std_max: float = 0.5
@@ -203,11 +204,7 @@ class Config:
                     "for example (32, 32)"
                 )
         for name in ("log_std_init", "log_std_min", "log_std_max"):
-            if not abs(getattr(self, name)) <= LARGEST_LOG_STD:
-                raise InputError(
-                    f"{name} = {shown(getattr(self, name))}: expected a number from -{LARGEST_LOG_STD:g} to "
-                    f"{LARGEST_LOG_STD:g}"
-                )
+            LOG_STD.check(name, getattr(self, name), type(self).__dataclass_fields__[name].default)
 
     def _check_combinations(self) -> None:
         """Raises `InputError` where two settings contradict each other."""

@@ -10,17 +10,23 @@ import jax
 import numpy as np
 from flax import struct
 
+from eairl_jax.arguments import Range
 from eairl_jax.config import refuse_unknown
 from eairl_jax.errors import InputError
 from eairl_jax.schema import shown
 
-# Name -> (smallest value, whether the smallest value itself is allowed, largest value). Other floats: 0 or more.
-RANGES: dict[str, tuple[float, bool, float]] = {
-    "gamma": (0.0, True, 1.0),
-    "gae_lambda": (0.0, True, 1.0),
-    "kl_limit": (0.0, False, np.inf),
-    "std_initial_fraction": (0.0, False, np.inf),
-    "std_final_fraction": (0.0, False, np.inf),
+RATE = Range(high=100.0)
+# The range of a float, if it is not `Range()`: 0, or from `arguments.SMALLEST` to `arguments.LARGEST`.
+RANGES: dict[str, Range] = {
+    "gamma": Range(high=1.0),
+    "gae_lambda": Range(high=1.0),
+    "policy_lr": RATE,
+    "discriminator_lr": RATE,
+    "inverse_lr": RATE,
+    "phi_lr": RATE,
+    "kl_limit": Range(included=False),
+    "std_initial_fraction": Range(included=False),
+    "std_final_fraction": Range(included=False),
 }
 
 
@@ -28,8 +34,8 @@ RANGES: dict[str, tuple[float, bool, float]] = {
 class HParams:
     """The floats of training; sizes, counts and names are in `Config`.
 
-    Every field is a leaf of a pytree and may be vmapped over, so a sweep is one compiled program. `check_hparams` says
-    which values are possible.
+    Every field is a leaf of a pytree and may be vmapped over, so a sweep is one compiled program. A value is 0, or from
+    1e-12 to 1e6, unless the field says another range. Anything else is refused (`check_hparams`).
     """
 
     gamma: float | jax.Array = 0.99
@@ -37,7 +43,7 @@ class HParams:
     gae_lambda: float | jax.Array = 0.95
     """Lambda of generalised advantage estimation, from 0 to 1."""
     policy_lr: float | jax.Array = 1e-3
-    """Adam's learning rate of the policy and the value function in the first iteration."""
+    """Adam's learning rate of the policy and the value function in the first iteration; at most 100."""
     policy_lr_final_fraction: float | jax.Array = 1.0
     """Fraction of `policy_lr` that is left after the last iteration; the rate is linear in between."""
     clip_eps: float | jax.Array = 0.2
@@ -74,11 +80,11 @@ class HParams:
     input_sparsity: float | jax.Array = 0.0
     """Weight of the penalty on each entry of the observation that the reward uses (`discriminator.input_sparsity`)."""
     discriminator_lr: float | jax.Array = 1e-3
-    """Adam's learning rate of the discriminator D, and hence of the reward."""
+    """Adam's learning rate of the discriminator D, and hence of the reward; at most 100."""
     inverse_lr: float | jax.Array = 1e-3
-    """Adam's learning rate of the inverse model q(a|s,s')."""
+    """Adam's learning rate of the inverse model q(a|s,s'); at most 100."""
     phi_lr: float | jax.Array = 1e-3
-    """Adam's learning rate of the empowerment Phi(s)."""
+    """Adam's learning rate of the empowerment Phi(s); at most 100."""
 
     @staticmethod
     def from_json(settings: Any, where: Path | str = "these settings") -> HParams:
@@ -121,8 +127,9 @@ def check_hparams(hparams: HParams) -> None:
     """Checks every value that is concrete; values inside a JAX transformation (tracers) are not checked.
 
     Raises:
-      InputError: if `hparams` are no `HParams`; if a value is NaN, infinite, negative or no number; if `gamma` or
-        `gae_lambda` is above 1, or if `kl_limit` or a fraction of the std is 0.
+      InputError: if `hparams` are no `HParams`; if a value is NaN, infinite, negative or no number; if it is above 1e6
+        (`gamma` and `gae_lambda`: 1, a learning rate: 100), or between 0 and 1e-12; if `kl_limit` or a fraction of the
+        std is 0.
     """
     if not isinstance(hparams, HParams):
         raise InputError(f"hparams are {shown(hparams)}: expected HParams, for example HParams(gamma=0.99)")
@@ -131,16 +138,10 @@ def check_hparams(hparams: HParams) -> None:
         if isinstance(value, jax.core.Tracer):
             continue
         values = _numbers(field.name, value)
-        smallest, included, largest = RANGES.get(field.name, (0.0, True, np.inf))
-        above = values >= smallest if included else values > smallest
-        possible = np.isfinite(values) & above & (values <= largest)
+        allowed = RANGES.get(field.name, Range())
+        possible = allowed.contains(values)
         if not possible.all():
-            example = getattr(HParams(), field.name)
-            bounds = f"at least {smallest:g}" if included else f"above {smallest:g}"
-            bounds += "" if largest == np.inf else f" and at most {largest:g}"
-            raise InputError(
-                f"{field.name} = {values[~possible].flat[0]:g}: expected a number {bounds}, for example {example}"
-            )
+            allowed.check(field.name, float(values[~possible].flat[0]), getattr(HParams(), field.name))
 
 
 def _numbers(name: str, value: Any) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -118,10 +118,14 @@ class Lanes:
         self._programs[length] = program
         return time.perf_counter() - started
 
-    def run(self, state: PyTree, length: int) -> tuple[PyTree, Metrics]:
+    def run(self, state: PyTree, length: int, check: bool = True) -> tuple[PyTree, Metrics]:
         """Runs `length` iterations of every lane. The memory of `state` is reused: do not use `state` afterwards.
 
         To be able to go back, keep `take(state)` before the call; `put` makes a state of it again.
+
+        Args:
+          check: whether metrics that are not finite raise `Diverged`. Else they are returned as they are, for a caller
+            that goes on with the other lanes (`not_finite` finds them).
 
         Returns:
           The state after the iterations, and the metrics as NumPy arrays `[lanes, length]`.
@@ -132,7 +136,8 @@ class Lanes:
         self.compile(state, length)
         state, metrics = self._programs[length](state, self.hparams, self.data)
         metrics = self.take(metrics)
-        refuse_not_finite(metrics)
+        if check:
+            refuse_not_finite(metrics)
         if "true_return" in metrics:
             returns = metrics["true_return"]
             metrics["true_return"] = np.where(np.isneginf(returns), np.float32(np.nan), returns)
@@ -142,23 +147,52 @@ class Lanes:
         return jax.shard_map(function, mesh=self._mesh, in_specs=in_specs, out_specs=self._lane_spec, check_vma=False)
 
 
-def refuse_not_finite(metrics: dict[str, np.ndarray]) -> None:
-    """Raises `Diverged` if a metric `[lanes, length]` holds NaN or infinity.
+class NotFinite(NamedTuple):
+    """The first value of a lane that is NaN or infinite.
 
-    The metric `true_return` is -inf while no episode has ended (NaN in earlier versions).
+    Attributes:
+      lane: from 0.
+      iteration: of the call, from 1.
+      metric, value: the name of the metric, and its value.
     """
+
+    lane: int
+    iteration: int
+    metric: str
+    value: float
+
+
+def not_finite(metrics: dict[str, np.ndarray]) -> list[NotFinite]:
+    """The first value that is NaN or infinite of each lane that has one, in the order of the lanes.
+
+    The metric `true_return` is -inf (or NaN) while no episode has ended.
+
+    Args:
+      metrics: NumPy arrays `[lanes, length]`.
+    """
+    first: dict[int, NotFinite] = {}
     for name, values in metrics.items():
         bad = np.isposinf(values) if name == "true_return" else ~np.isfinite(values)
-        if bad.any():
-            lane, t = np.argwhere(bad)[np.argwhere(bad)[:, 1].argmin()]
-            raise Diverged(
-                f"{name} became {values[lane, t]} in lane {lane} at iteration {t + 1} of {values.shape[1]}: try a "
-                "lower learning rate",
-                name,
-                int(lane),
-                int(t) + 1,
-                float(values[lane, t]),
-            )
+        for lane in np.flatnonzero(bad.any(axis=1)).tolist():
+            t = int(bad[lane].argmax())
+            if lane not in first or t + 1 < first[lane].iteration:
+                first[lane] = NotFinite(lane, t + 1, name, float(values[lane, t]))
+    return [first[lane] for lane in sorted(first)]
+
+
+def refuse_not_finite(metrics: dict[str, np.ndarray]) -> None:
+    """Raises `Diverged` for the earliest iteration at which a metric `[lanes, length]` is NaN or infinite."""
+    bad = min(not_finite(metrics), key=lambda each: each.iteration, default=None)
+    if bad:
+        length = next(iter(metrics.values())).shape[1]
+        raise Diverged(
+            f"{bad.metric} became {bad.value} in lane {bad.lane} at iteration {bad.iteration} of {length}: try a "
+            "lower learning rate",
+            bad.metric,
+            bad.lane,
+            bad.iteration,
+            bad.value,
+        )
 
 
 def _check_algorithm(algorithm: Algorithm) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
+import shutil
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -99,10 +101,48 @@ def replacing(path: Path) -> Iterator[Path]:
 
     A reader finds the old file or the new file, never a part of one, even if the process is killed. If the context
     fails, the old file stays.
+
+    Raises:
+      OSError: if the file cannot be written, with its path.
     """
     unfinished = path.with_name(path.name + ".part")
-    yield unfinished
-    os.replace(unfinished, path)
+    with naming(path):
+        try:
+            yield unfinished
+            os.replace(unfinished, path)
+        except OSError:  # a part of a file would only take the place that a full disk lacks
+            with suppress(OSError):
+                unfinished.unlink()
+            raise
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Gives an `OSError` that names no file, for example of a full disk, the path that was written."""
+    try:
+        yield
+    except OSError as e:
+        if e.filename is None and e.errno is not None:
+            raise OSError(e.errno, e.strerror, str(path)) from e
+        raise
+
+
+def reserve(folder: Path, size: int) -> None:
+    """Tries whether a folder can take `size` bytes more. Nothing is left of the trial.
+
+    Raises:
+      OSError: if the disk is full, or the user's share of it.
+    """
+    path = folder / ".space"
+    with naming(folder):
+        try:
+            with open(path, "wb") as f:
+                if hasattr(os, "posix_fallocate"):
+                    os.posix_fallocate(f.fileno(), 0, size)
+                elif shutil.disk_usage(folder).free < size:
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        finally:
+            path.unlink(missing_ok=True)
 
 
 def write_json(path: Path, content: dict) -> None:

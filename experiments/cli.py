@@ -58,8 +58,9 @@ def main(arguments: list[str] | None = None) -> None:
         _exit(str(e), 2)
     except OSError as e:
         is_full = e.errno in (errno.ENOSPC, errno.EDQUOT)
-        advice = "; what was computed is kept: free some disk, then repeat the command to go on" if is_full else ""
-        _exit(f"{e.strerror or e} ({e.filename or 'disk'}){advice}", 2)
+        cure = "free some disk" if is_full else "put this right"
+        advice = f"what was computed up to the last checkpoint is kept: {cure}, then repeat the command to go on"
+        _exit(f"{e.strerror or e} ({e.filename or 'disk'}); {advice}", 2)
     except Diverged as e:
         _exit(str(e), 1)
     except Interrupted as e:

@@ -84,6 +84,13 @@ Track = Annotated[
         "runs`). wandb: Weights & Biases. A tracker that fails never stops a run."
     ),
 ]
+OnNan = Annotated[
+    Literal["stop", "skip"],
+    arg(
+        help="What happens when a value becomes NaN or infinite. stop: the command stops, and the last good checkpoint "
+        "is kept. skip: the seed is dropped and the others go on; the table and summary.json say which seed and why."
+    ),
+]
 Json = Annotated[Path | None, explained(metavar="FILE", help="Write all figures to this file as well.")]
 
 
@@ -112,6 +119,7 @@ class Expert:
     seeds: Seeds = 4
     optimizer: Optimizer = "ppo"
     track: Track = ()
+    on_nan: OnNan = "stop"
     out: Out = None
     set: Set = ()
 
@@ -183,6 +191,7 @@ class Imitate:
     optimizer: Optimizer = "ppo"
     demos: Demos = None
     track: Track = ()
+    on_nan: OnNan = "stop"
     out: Out = None
     set: Set = ()
 
@@ -204,6 +213,7 @@ class Sweep:
     optimizer: Optimizer = "ppo"
     demos: Demos = None
     track: Track = ()
+    on_nan: OnNan = "stop"
     out: Out = None
     set: Annotated[
         tuple[str, ...],
@@ -244,6 +254,7 @@ class Transfer:
         explained(metavar="DIR", help="Use this saved reward (the reward/ folder of a run) and learn none."),
     ] = None
     track: Track = ()
+    on_nan: OnNan = "stop"
     out: Annotated[Path | None, explained(metavar="DIR", help="Folder for the runs' folders. Default: runs/.")] = None
     set: Set = ()
     retrain_set: Annotated[

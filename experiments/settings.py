@@ -6,17 +6,17 @@ import ast
 import dataclasses
 import inspect
 import itertools
-import math
 import textwrap
 from dataclasses import dataclass, fields
 from typing import Any
 
 from eairl_jax import Config, HParams, InputError
+from eairl_jax.arguments import Range
 from eairl_jax.config import choose
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import OWN, parse
 from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES, sections_of
-from eairl_jax.hparams import check_hparams
+from eairl_jax.hparams import RANGES, check_hparams
 from eairl_jax.methods import METHODS, uses_empowerment, with_method_defaults
 
 
@@ -43,7 +43,13 @@ class Recipe:
     std (`random_std`) a policy earns little before its std falls, and would lose the comparison."""
     random_std: float = 1.0
     """The std of a random trial before the first iteration, as a multiple of the std of the other trials. All policies
-    end with the same std."""
+    end with the same std. Above 0, at most 1e6."""
+    on_nan: str = "stop"
+    """What happens when a value of a seed is no longer finite. "stop": the training stops. "skip": the seed is dropped,
+    and the others go on."""
+
+    def __post_init__(self):
+        Range(included=False).check("random_std", self.random_std, type(self).random_std)
 
     def checked(self) -> Recipe:
         """The recipe with short trainings that are possible in its number of iterations.
@@ -153,8 +159,9 @@ def _check_training(recipe: Recipe) -> None:
     for name in ("trials", "trial_iterations", "random_trials"):
         if getattr(recipe, name) < 0:
             raise InputError(f"{name} = {getattr(recipe, name)}: expected 0 (no trials) or more")
-    if not 0 < recipe.random_std < math.inf:
-        raise InputError(f"random_std = {recipe.random_std}: expected a number above 0")
+    first_std = "std_initial_fraction"
+    product = recipe.random_std * recipe.hparams.std_initial_fraction
+    RANGES[first_std].check(f"random_std x {first_std}", product, Recipe.random_std)
 
 
 def parse_overrides(assignments: tuple[str, ...]) -> dict[str, Any]:

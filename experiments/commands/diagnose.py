@@ -9,9 +9,10 @@ import numpy as np
 from eairl_jax.experiments.display.console import console, mean_and_std, print_rows, say
 from eairl_jax.experiments.display.plots import plot_diagnosis
 from eairl_jax.experiments.options import Diagnose
-from eairl_jax.experiments.pipeline import policies
+from eairl_jax.experiments.pipeline import divergence, policies
 from eairl_jax.experiments.pipeline.diagnosis import FILE, FOUND, TRAINED, Diagnosis, diagnose, played
 from eairl_jax.experiments.pipeline.experiment import restored_target
+from eairl_jax.experiments.pipeline.run_folder import RunFolder
 
 
 def run(options: Diagnose, command_line: str) -> None:
@@ -21,7 +22,8 @@ def run(options: Diagnose, command_line: str) -> None:
     settings = policies.finished_settings(path)
     target, others = restored_target(settings, path), [played(other) for other in options.policies]
     diagnosis = diagnose(path, target, others)
-    _print(path.name, settings["seeds"], diagnosis)
+    kept = divergence.kept_seeds(RunFolder(path, settings))
+    _print(path.name, [settings["seeds"][lane] for lane in kept], diagnosis)
     drawn = {name: (diagnosis.share_of(name), each.true) for name, each in diagnosis.behaviours.items()}
     plot_diagnosis(path / "diagnosis.png", path.name, drawn, diagnosis.reference.expert)
     say(f"every figure: {path / FILE}; as a picture: {path / 'diagnosis.png'}")

@@ -13,10 +13,10 @@ from eairl_jax.experiments.display.console import Line, print_table, say
 from eairl_jax.experiments.display.plots import Curve, plot
 from eairl_jax.experiments.options import Expert
 from eairl_jax.experiments.paper import published
-from eairl_jax.experiments.pipeline import policies, records
+from eairl_jax.experiments.pipeline import divergence, policies, records
 from eairl_jax.experiments.pipeline.experiment import checked_seeds, explain_defaults, make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
-from eairl_jax.experiments.pipeline.train import LEARN, RUNS, final_returns, lane_keys, train
+from eairl_jax.experiments.pipeline.train import LEARN, RUNS, Lane, lane_keys, scores, train
 from eairl_jax.experiments.settings import TRIALS, Recipe, parse_overrides, recipe, refuse_unread
 
 
@@ -28,7 +28,7 @@ def run(options: Expert, command_line: str) -> None:
         raise InputError(f"--seeds {seeds}: expected at least 1")
     checked_seeds(seeds)
     overrides = parse_overrides((f"optimizer={options.optimizer}", *options.set))
-    training = recipe(task, env, "expert", overrides)
+    training = recipe(task, env, "expert", overrides | {"on_nan": options.on_nan})
     refuse_unread([training.config], overrides, reinforcement=True)
     if TRIALS & set(overrides):
         raise InputError(
@@ -45,15 +45,19 @@ def run(options: Expert, command_line: str) -> None:
     folder = RunFolder(options.out or RUNS / f"expert-{file_name(task)}", settings, options.track)
     summary = folder.summary(records.EXPERT)
     if summary is None:
+        folder.prepare()
         summary = {"command_line": command_line, "task": task} | _train(folder, env, training, seeds)
-        curve = Curve("true return", "", folder.curve("true_return", seeds), training.config.steps_per_iteration)
+        returns = folder.curve("true_return", seeds)[divergence.kept_seeds(folder)]
+        curve = Curve("true return", "", returns, training.config.steps_per_iteration)
         plot(folder.path / "curves.png", f"Experts of {task}", [curve])
         folder.write_summary(summary)
-    policies.keep(folder.path)
+    if folder.is_writable():
+        policies.keep(folder.path)
     figures = [published.figure(table, task, "expert") for table in (published.IMITATION, published.TRANSFER)]
+    note = divergence.note(summary.get("dropped", []), seeds)
     lines = [
-        Line("sampled policy", np.array(summary["returns"]), next(filter(None, figures), None)),
-        Line("its mean action", np.array(summary["returns_mean_action"])),
+        Line("sampled policy", np.array(summary["returns"]), next(filter(None, figures), None), note=note),
+        Line("its mean action", np.array(summary["returns_mean_action"]), note=note),
     ]
     print_table(f"Experts of {task} after {summary['env_steps']:,} environment steps", lines)
     say(f"in {folder.path}/; collect demonstrations with `eairl demos {shlex.quote(task)}`")
@@ -63,12 +67,14 @@ def _train(folder: RunFolder, env, training: Recipe, seeds: int) -> dict:
     """The summary of experts that are trained to the end."""
     algorithm = make_rl(env, training.config)
     lanes = Lanes(algorithm, lane_keys(LEARN, range(seeds)), training.hparams)
-    state = train(folder, folder.path.name, lanes, training, [{"seed": seed} for seed in range(seeds)])
-    returns, mean_action = (
-        final_returns(env, algorithm, state, range(seeds), sampled=sampled).mean(axis=1) for sampled in (True, False)
-    )
+    labels: list[Lane] = [{"seed": seed} for seed in range(seeds)]
+    state = train(folder, folder.path.name, lanes, training, labels)
+    every = [scores(folder, training, env, algorithm, state, labels, sampled) for sampled in (True, False)]
+    kept = divergence.kept_seeds(folder)
+    returns, mean_action = (values[kept] for values in every)
     return {
-        "seeds": list(range(seeds)),
+        "seeds": kept.tolist(),
+        **({"dropped": folder.dropped()} if folder.dropped() else {}),
         "env_steps": training.config.env_steps,
         **folder.seconds(),
         "returns": returns.tolist(),

@@ -8,6 +8,7 @@ from eairl_jax.experiments.commands.saturation import warn_if_saturated
 from eairl_jax.experiments.display.console import Line, print_table, say, say_if_no_expert, with_references
 from eairl_jax.experiments.options import Imitate
 from eairl_jax.experiments.paper import published
+from eairl_jax.experiments.pipeline import divergence
 from eairl_jax.experiments.pipeline.default_folder import default_path
 from eairl_jax.experiments.pipeline.experiment import imitations
 from eairl_jax.experiments.pipeline.run import run as run_experiment
@@ -29,7 +30,8 @@ def run(options: Imitate, command_line: str) -> None:
     lines = []
     for result in results:
         figure = published.figure(published.IMITATION, task, result.method) if result.is_published else None
-        lines.append(Line(result.name, np.array(result.returns), figure, result.normalized))
+        note = divergence.note(result.dropped, options.seeds)
+        lines.append(Line(result.name, np.array(result.returns), figure, result.normalized, note))
     lines = with_references(lines, reference.expert, reference.random, expert)
     print_table(f"Imitation of {task}: true return of the sampled policy, {options.seeds} seeds", lines)
     say_if_no_expert(task, reference.expert)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from eairl_jax.arguments import LARGEST, SMALLEST
 from eairl_jax.experiments.display.console import Layout, print_rows, say
 from eairl_jax.experiments.options import Settings
 from eairl_jax.experiments.pipeline.experiment import make_env
@@ -26,6 +27,7 @@ def run(options: Settings, command_line: str) -> None:
     for group, defaults in GROUPS.items():
         rows = [[name, text_of(default), texts.get(name, "")] for name, default in defaults.items()]
         print_rows(GROUP_TITLES[group], ["setting", "default", "meaning"], rows, Layout((1, 2), lines=True))
+    say(f"every float is 0 or from {SMALLEST:g} to {LARGEST:g}, unless its meaning says another range")
     if options.task is None:
         say("`eairl settings TASK` also shows the recipes of a task; change a setting with --set NAME=VALUE")
     else:

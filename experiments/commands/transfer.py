@@ -12,6 +12,7 @@ from eairl_jax.experiments.commands.saturation import warn_if_saturated
 from eairl_jax.experiments.display.console import Line, print_table, say, say_if_no_expert, with_references
 from eairl_jax.experiments.options import Transfer
 from eairl_jax.experiments.paper import published
+from eairl_jax.experiments.pipeline import divergence
 from eairl_jax.experiments.pipeline.default_folder import changed_options, default_path
 from eairl_jax.experiments.pipeline.experiment import measured, refuse_other_sizes, target_of, transfers
 from eairl_jax.experiments.pipeline.run import Result, learning_folder, reuse
@@ -66,7 +67,10 @@ def _reuse(options: Transfer, out: Path, command_line: str) -> Result:
 def _print(options: Transfer, results: list[Result]) -> None:
     target, ceiling, reference = options.target, np.array(results[0].ceiling), results[0].reference
     expert = published.figure(published.TRANSFER, target, "expert")
-    lines = [Line("ceiling", ceiling, None, reference.normalized(ceiling.mean()), "trained alike on the true reward")]
+    asked = len(results[0].settings["seeds"])
+    ceiling_note = divergence.note(results[0].ceiling_dropped, asked)
+    alike = "; ".join(filter(None, ("trained alike on the true reward", ceiling_note)))
+    lines = [Line("ceiling", ceiling, None, reference.normalized(ceiling.mean()), alike)]
     for result in results:
         figure = published.figure(published.TRANSFER, target, result.method) if result.is_published else None
         iterations = " ".join(map(str, result.chosen_iterations))
@@ -74,11 +78,11 @@ def _print(options: Transfer, results: list[Result]) -> None:
         share = " ".join(f"{value:.2f}" for value in result.learned_share)
         note = f"rule {result.rule}" + (f", reward of iteration {iterations}" if iterations else "")
         note += f", learned reward a step {learned}, {share} of the best known" if learned else ""
+        note = "; ".join(filter(None, (note, divergence.note(result.dropped, asked))))
         name = result.name if len(options.rule) == 1 else f"{result.name}, {result.rule}"
         lines.append(Line(name, np.array(result.returns), figure, result.normalized, note))
     lines = with_references(lines, reference.expert, reference.random, expert)
-    seeds = len(results[0].seeds)
-    print_table(f"Reward learned in {options.source}, used in {target}: true return, {seeds} seeds", lines)
+    print_table(f"Reward learned in {options.source}, used in {target}: true return, {asked} seeds", lines)
     say_if_no_expert(target, reference.expert)
     restarts = (results[0].retrain_settings or results[0].settings)["restarts"]
     if restarts > 1:

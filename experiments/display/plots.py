@@ -118,7 +118,7 @@ def plot_sweep(
     path: Path,
     title: str,
     names: Sequence[str],
-    returns: np.ndarray,
+    returns: Sequence[np.ndarray],
     curves: np.ndarray,
     steps_per_iteration: int,
     expert: float | None,
@@ -127,7 +127,8 @@ def plot_sweep(
 
     Args:
       names: of the settings.
-      returns: final true returns `[settings, seeds]`; the first panel shows each as a dot.
+      returns: of each setting the final true returns `[seeds]`, without dropped seeds; the first panel shows each as a
+        dot.
       curves: true returns while learning, `[settings, seeds, iterations]`; the second panel shows means over seeds.
       steps_per_iteration: environment steps of one seed in one iteration.
       expert: true return of the demonstrator, drawn as a horizontal line; None if it is unknown.
@@ -138,8 +139,9 @@ def plot_sweep(
     figure, ((final, learning),) = figure_of(1, 2, (5.5, 4.0), title)
     colors = colormaps["viridis"](np.linspace(0.0, 0.9, len(names)))
     for i, color in enumerate(colors):
-        final.plot(np.full(returns.shape[1], i), returns[i], "o", color=color, alpha=0.6)
-        final.plot([i - 0.2, i + 0.2], [returns[i].mean()] * 2, color=color, lw=2)
+        if len(returns[i]):
+            final.plot(np.full(len(returns[i]), i), returns[i], "o", color=color, alpha=0.6)
+            final.plot([i - 0.2, i + 0.2], [returns[i].mean()] * 2, color=color, lw=2)
         values = np.ma.masked_invalid(curves[i]).mean(axis=0)
         learning.plot((1 + np.arange(len(values))) * steps_per_iteration, values, color=color, label=names[i])
     final.set_xticks(range(len(names)), names, rotation=20, ha="right")

@@ -338,7 +338,7 @@ def transfers(options: Transfer) -> list[Experiment]:
     """
     refuse_other_sizes(options.source, options.target)
     target = target_of(options)
-    back_home = make_target(options.source, _retrain_settings(options), has_expert=False)
+    back_home = make_target(options.source, _retrain_settings(options), has_expert=False, on_nan=options.on_nan)
     uses = []
     for learning in _learnings(options.source, options, "reward"):
         if not learning.has_reward and set(options.rule) != {"policy"}:
@@ -376,6 +376,7 @@ def sweeps(options: Sweep) -> Experiment:
         optimizer=options.optimizer,
         demos=options.demos,
         track=options.track,
+        on_nan=options.on_nan,
         set=(*fixed, *largest),
     )
     (experiment,) = imitations(request)
@@ -414,6 +415,7 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
     """An experiment for each method and reward form, its reward not used anywhere yet."""
     seeds, tuned = _seeds(options), getattr(options, "tuned", False)
     overrides = parse_overrides((f"optimizer={getattr(options, 'optimizer', 'ppo')}", *options.set))
+    on_nan = {"on_nan": getattr(options, "on_nan", Recipe.on_nan)}
     env = make_env(task)
     for method in options.method:
         user_methods.register(method)
@@ -423,7 +425,7 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
             task,
             env,
             purpose,
-            {"method": method, "reward_form": form} | overrides | horizon_of(options, source, method),
+            {"method": method, "reward_form": form} | overrides | horizon_of(options, source, method) | on_nan,
             tuned,
         )
         for method in options.method
@@ -542,7 +544,7 @@ def target_of(options: Transfer) -> Target:
       InputError: for a setting that retraining does not have.
     """
     explain_defaults(options.target)
-    return make_target(options.target, _retrain_settings(options), options.restarts)
+    return make_target(options.target, _retrain_settings(options), options.restarts, on_nan=options.on_nan)
 
 
 def _retrain_settings(options: Transfer) -> tuple[str, ...]:
@@ -550,7 +552,11 @@ def _retrain_settings(options: Transfer) -> tuple[str, ...]:
 
 
 def make_target(
-    task: str, assignments: tuple[str, ...] = (), restarts: int | None = None, has_expert: bool = True
+    task: str,
+    assignments: tuple[str, ...] = (),
+    restarts: int | None = None,
+    has_expert: bool = True,
+    on_nan: str = Recipe.on_nan,
 ) -> Target:
     """A task with its recipe for retraining; its reference is not `measured` yet.
 
@@ -561,13 +567,15 @@ def make_target(
       assignments: a user's `name=value` for the recipe.
       restarts: a user's number of restarts.
       has_expert: whether the demonstrations of an expert are sought.
+      on_nan: see `Recipe.on_nan`.
 
     Raises:
       InputError: for a setting that retraining does not have.
     """
     env = make_env(task)
     overrides = parse_overrides(assignments)
-    training = recipe(task, env, "retrain", overrides | ({} if restarts is None else {"restarts": restarts}))
+    more = {"on_nan": on_nan} | ({} if restarts is None else {"restarts": restarts})
+    training = recipe(task, env, "retrain", overrides | more)
     refuse_unread([training.config], overrides, reinforcement=True)
     if "actions" in overrides:
         raise InputError(

@@ -23,7 +23,7 @@ from eairl_jax import (
 )
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.experiments.display.console import say
-from eairl_jax.experiments.pipeline import records, user_methods
+from eairl_jax.experiments.pipeline import divergence, records, user_methods
 from eairl_jax.experiments.pipeline.experiment import make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import best_restarts, last_tenth, make_algorithm
@@ -75,6 +75,8 @@ class Policies:
 def load(path: Path, may_be_unfinished: bool = False) -> Policies:
     """Reads the policies of an expert, of an imitation, or of a transfer (those kept of its restarts).
 
+    Seeds that were dropped are left out.
+
     Args:
       may_be_unfinished: whether the policies of an expert or an imitation that still trains will do. They are those of
         its newest checkpoint.
@@ -101,10 +103,13 @@ def load(path: Path, may_be_unfinished: bool = False) -> Policies:
     iteration = config.iterations if is_finished else _newest_iteration(path)
     if not (path / "checkpoints" / str(iteration)).is_dir():
         raise InputError(f"{path} has lost its last checkpoint ({iteration}), which held its policies")
-    restarts = settings.get("restarts", 1)
+    restarts, folder = settings.get("restarts", 1), RunFolder(path, settings)
     state = _restore(path, algorithm, iteration, hparams, restarts * len(seeds))
     if restarts > 1:
-        state = take_lanes(state, best_restarts(RunFolder(path, settings), restarts, len(seeds)))
+        state = take_lanes(state, best_restarts(folder, restarts, len(seeds)))
+    if folder.dropped():
+        kept = divergence.kept_seeds(folder)
+        state, seeds = take_lanes(state, kept), [seeds[lane] for lane in kept]
     return Policies(task, env, algorithm, state, seeds, settings, config, iteration)
 
 
@@ -136,7 +141,7 @@ def _unfinished_settings(path: Path) -> dict:
 
 
 def _newest_iteration(path: Path) -> int:
-    checkpoints = Checkpoints(path / "checkpoints") if (path / "checkpoints").is_dir() else None
+    checkpoints = Checkpoints(path / "checkpoints", read_only=True) if (path / "checkpoints").is_dir() else None
     newest = checkpoints.latest() if checkpoints else None
     if newest is None:
         raise InputError(f"{path} has no checkpoint yet: wait until its first iterations are done")
@@ -155,7 +160,10 @@ def _with_policies(path: Path, settings: dict) -> dict:
 
 def _restore(path: Path, algorithm: Algorithm, iteration: int, hparams: HParams, lanes: int) -> PyTree:
     """The states `[lanes, ...]` of a checkpoint."""
-    keys, checkpoints = jax.random.split(jax.random.PRNGKey(0), lanes), Checkpoints(path / "checkpoints")
+    keys, checkpoints = (
+        jax.random.split(jax.random.PRNGKey(0), lanes),
+        Checkpoints(path / "checkpoints", read_only=True),
+    )
     if not checkpoints.is_intact(iteration):
         raise InputError(
             f"the last checkpoint of {path} ({iteration}) is damaged, and it held the policies: remove "
@@ -175,8 +183,10 @@ def best_expert(path: Path, task: str) -> Policies:
     experts = load(path)
     if experts.task != task or {"demonstrations", "retrain_config"} & set(experts.settings):
         raise InputError(f"{path} holds no expert of {task}: train one with `eairl expert {task}`")
-    returns = last_tenth(RunFolder(path, experts.settings).curve("true_return", len(experts.seeds)))
-    best = int(np.argmax(returns))
-    settings = experts.settings | {"chosen_seed": best, "chosen_by": "training return of the last tenth"}
+    folder = RunFolder(path, experts.settings)
+    kept, count = divergence.kept_seeds(folder), experts.settings["seeds"]
+    curves = folder.curve("true_return", count if isinstance(count, int) else len(count))
+    best = int(np.argmax(last_tenth(curves)[kept]))
+    settings = experts.settings | {"chosen_seed": experts.seeds[best], "chosen_by": "training return of the last tenth"}
     state = take_lanes(experts.state, np.array([best]))
     return dataclasses.replace(experts, state=state, seeds=[experts.seeds[best]], settings=settings)

@@ -12,6 +12,7 @@ AGAIN = "repeat the command that made the run, with another --out"
 MOST_SEEDS = 100_000
 
 _count, _numbers = schema.whole(0, 2**31 - 1), schema.list_of(schema.number(), low=1)
+_perhaps = schema.list_of(schema.optional(schema.number()), low=1)
 _settings = schema.table_of(schema.anything)
 _seed = schema.whole(0, schema.LARGEST_SEED)
 SEEDS = schema.either(schema.whole(1, MOST_SEEDS), schema.list_of(_seed, low=1))
@@ -41,13 +42,18 @@ SETTINGS = schema.record(
 MACHINE = schema.record(
     {"date": schema.text, "device": schema.text, "devices": _count, "versions": schema.table_of(schema.text)}
 )
+_reason = {"training": schema.text, "quantity": schema.text, "iteration": _count, "value": schema.text}
+_dropped = schema.list_of(schema.record({"seed": _seed, **_reason}))
+DROPPED = schema.record({"dropped": _dropped})
 SECONDS = schema.record({"compile_seconds": schema.number(0.0), "run_seconds": schema.number(0.0)})
-LEARNING = schema.record({"imitation_returns": _numbers})
+LEARNING = schema.record({"imitation_returns": _perhaps})  # null: the seed was dropped
 CEILING = schema.record({"returns": _numbers})
-EXPERT = schema.record({"returns": _numbers, "returns_mean_action": _numbers, "env_steps": schema.whole(0)})
-PLANS = schema.record({"learned_per_step": _numbers})
+EXPERT = schema.record(
+    {"returns": _numbers, "returns_mean_action": _numbers, "env_steps": schema.whole(0)}, {"dropped": _dropped}
+)
+PLANS = schema.record({"learned_per_step": _perhaps})
 WORTH = schema.record(
-    {"policies": schema.list_of(_numbers, low=1), "compared": schema.table_of(_numbers)},
+    {"policies": schema.list_of(_perhaps, low=1), "compared": schema.table_of(_perhaps)},
 )
 _behaviour = schema.record({"learned": _numbers, "true": _numbers})
 

@@ -17,10 +17,10 @@ import numpy as np
 from eairl_jax import InputError, LearnedReward, load_reward, save_reward, schema, storage
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.plots import Curve, plot, plot_sweep
-from eairl_jax.experiments.pipeline import policies, records, stages
+from eairl_jax.experiments.pipeline import divergence, policies, records, stages
 from eairl_jax.experiments.pipeline.experiment import Experiment, Reference, Target, Use
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, machine, peak_memory_gb, settings_digest
-from eairl_jax.experiments.pipeline.train import final_returns
+from eairl_jax.experiments.pipeline.train import Lane, scores
 from eairl_jax.methods import with_method_defaults
 
 
@@ -59,6 +59,10 @@ class Result:
       diagnosis: of a transfer, other behaviours judged by the learned reward (`diagnosis.Diagnosis.to_json`).
       curve: true return while training: {"env_steps": [points], "true_return": [seeds][points]}.
       machine: versions and devices (`run_folder.machine`).
+      dropped: what was dropped because a value was not finite, and why (`divergence.entry`): seeds, which are then not
+        among `seeds`; of a sweep the seeds of single points, which then have no return. Every list and mean is of the
+        rest.
+      ceiling_dropped: the same of the ceiling.
     """
 
     name: str
@@ -91,6 +95,18 @@ class Result:
     diagnosis: dict[str, Any] | None = None
     curve: dict[str, list] | None = None
     machine: dict[str, Any] | None = None
+    dropped: list[dict[str, Any]] = field(default_factory=list)
+    ceiling_dropped: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def returns_by_point(self) -> list[np.ndarray]:
+        """Of a sweep, the returns of each point; a dropped seed has none."""
+        rest = iter(self.returns)
+        lanes = [[point | {"seed": seed} for seed in self.seeds] for point in self.points]
+        return [
+            np.array([next(rest) for lane in of_point if not any(divergence.matches(d, lane) for d in self.dropped)])
+            for of_point in lanes
+        ]
 
     @property
     def reference(self) -> Reference:
@@ -146,6 +162,10 @@ class Result:
         content = storage.check(content, schema.record({}, _result_fields()), where, advice)
         result = cls(**{f.name: content[f.name] for f in fields if f.name in content})
         expected = len(result.seeds) * max(1, len(result.points))
+        if result.points:
+            storage.check({"dropped": result.dropped}, records.DROPPED, where, advice)
+            lanes = [point | {"seed": seed} for point in result.points for seed in result.seeds]
+            expected = sum(not any(divergence.matches(each, lane) for each in result.dropped) for lane in lanes)
         if not result.seeds or len(result.returns) != expected:
             raise InputError(f"{where} holds {len(result.returns)} returns, expected {expected}: {advice}")
         if result.expert is not None and result.expert == result.random:
@@ -197,11 +217,14 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
     folder = RunFolder(out, experiment.settings(), experiment.track)
     content = folder.summary()
     if content is None:
+        folder.prepare()
         result = _transfer(experiment, experiment.use, folder) if experiment.use else _imitate(experiment, folder)
         result = dataclasses.replace(result, command_line=command_line, machine=machine())
         folder.write_summary(result.to_json())
     else:
         result = Result.from_json(content, f"{folder.path}/summary.json")
+    if not folder.is_writable():  # a finished run, read from a place where nobody may write
+        return result
     if not (folder.path / "curves.png").exists():
         _draw(experiment, folder, result)
     if not experiment.points and not (experiment.use and experiment.use.rule.kind == "policy"):
@@ -212,13 +235,14 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
 def _imitate(experiment: Experiment, folder: RunFolder) -> Result:
     """Learns in the source and scores the policies that learned; of a sweep, those of every point."""
     algorithm, state = stages.learn(folder, experiment)
-    lanes = [lane["seed"] for lane in stages.lanes_of(experiment)]
-    returns = final_returns(experiment.source.env, algorithm, state, lanes).mean(axis=1)
+    labels = stages.lanes_of(experiment)
+    returns = scores(folder, experiment.recipe, experiment.source.env, algorithm, state, labels)
+    kept = divergence.kept(folder, labels)
     if experiment.has_reward and not experiment.points:
         last = stages.snapshot_path(folder, experiment.config.iterations)
-        save_reward(folder.path / "reward", load_reward(last))
+        save_reward(folder.path / "reward", stages.of_kept(load_reward(last), kept))
     return dataclasses.replace(
-        _result(experiment, returns, experiment.source.reference),
+        _result(experiment, folder, returns[kept], experiment.source.reference),
         env_steps=experiment.config.env_steps,
         points=list(experiment.points),
         saturated_lanes=stages.saturated_lanes(folder, experiment),
@@ -230,22 +254,32 @@ def _transfer(experiment: Experiment, use: Use, folder: RunFolder) -> Result:
     """Learns a reward in the source, takes one by the rule, trains fresh policies on it in the target."""
     out, learning = folder.path.parent, learning_folder(experiment, folder.path.parent)
     imitation_returns = _learn_once(experiment, learning)
+    folder.drop(learning.dropped())
     target, seeds = use.target, experiment.seeds
     if use.rule.kind == "policy":
         algorithm, state = stages.learn(learning, experiment)
-        returns, facts = final_returns(target.env, algorithm, state, seeds).mean(axis=1), {}
+        labels: list[Lane] = [{"seed": seed} for seed in seeds]
+        returns = scores(folder, target.recipe, target.env, algorithm, state, labels)
+        kept, facts = divergence.kept_seeds(folder), {}
+        returns = returns[kept]
     else:
         reward, facts = stages.choose_reward(folder, learning, experiment, use)
-        save_reward(folder.path / "reward", reward)
+        save_reward(folder.path / "reward", stages.of_kept(reward, divergence.kept_seeds(folder)))
         scored = stages.score(folder, f"{experiment.name} in {target.task}", target, reward, seeds)
-        returns = scored.returns
+        returns, kept = scored.returns, divergence.kept_seeds(folder)
+        save_reward(folder.path / "reward", stages.of_kept(reward, kept))
+        facts["chosen_iterations"] = [facts["chosen_iterations"][lane] for lane in kept]
+        if "source_returns" in facts:
+            facts["source_returns"] = [[each[lane] for lane in kept] for each in facts["source_returns"]]
         facts |= {"env_steps": target.recipe.config.env_steps, **_learned(scored.worth)}
+    ceiling = stages.ceiling(target, seeds, out)
     return dataclasses.replace(
-        _result(experiment, returns, target.reference),
+        _result(experiment, folder, returns, target.reference),
         target=target.task,
         rule=str(use.rule),
-        imitation_returns=imitation_returns,
-        ceiling=stages.ceiling(target, seeds, out),
+        imitation_returns=[imitation_returns[lane] for lane in kept],
+        ceiling=ceiling.returns,
+        ceiling_dropped=ceiling.dropped,
         retrain_settings=target.for_reward(experiment.config).settings(),
         saturated_lanes=stages.saturated_lanes(learning, experiment),
         **_sum(learning.seconds(), folder.seconds()),
@@ -265,13 +299,14 @@ def learning_path(out: Path, task: str, learning_name: str, settings: dict) -> P
     return out / f"learn-{file_name(task)}-{learning_name}-{settings_digest(settings)}"
 
 
-def _learn_once(experiment: Experiment, learning: RunFolder) -> list[float]:
-    """Learns the rewards, once; returns how well each seed's policy imitates in the source."""
+def _learn_once(experiment: Experiment, learning: RunFolder) -> list[float | None]:
+    """Learns the rewards, once; returns how well each seed's policy imitates in the source. None: it was dropped."""
     summary = learning.summary(records.LEARNING)
     if summary is None:
         algorithm, state = stages.learn(learning, experiment)
-        returns = final_returns(experiment.source.env, algorithm, state, experiment.seeds).mean(axis=1)
-        summary = {"imitation_returns": returns.tolist()}
+        labels = stages.lanes_of(experiment)
+        returns = scores(learning, experiment.recipe, experiment.source.env, algorithm, state, labels)
+        summary = {"imitation_returns": divergence.all_finite(returns)}
         learning.write_summary(summary)
     return summary["imitation_returns"]
 
@@ -296,16 +331,21 @@ def reuse(
     content = folder.summary()
     if content is not None:
         return Result.from_json(content, f"{folder.path}/summary.json")
+    folder.prepare()
     name = f"{file_name(reward.config.method)}-{with_method_defaults(reward.config).reward_form}"
     save_reward(folder.path / "reward", reward)
     scored = stages.score(folder, f"{name} in {target.task}", target, reward, seeds)
+    kept, ceiling = divergence.kept_seeds(folder), stages.ceiling(target, seeds, out)
+    save_reward(folder.path / "reward", stages.of_kept(reward, kept))
+    iterations = reward.description.get("iterations", [])  # a reward that was saved by hand has none
     result = Result(
         name=name,
         method=reward.config.method,
         task=reward.description["task"],
         target=target.task,
         rule="as saved",
-        seeds=list(seeds),
+        seeds=[seeds[lane] for lane in kept],
+        dropped=folder.dropped(),
         returns=scored.returns.tolist(),
         **_learned(scored.worth),
         **target.reference._asdict(),
@@ -315,8 +355,9 @@ def reuse(
         command_line=command_line,
         is_published=False,
         settings=settings,
-        chosen_iterations=reward.description.get("iterations", []),  # a reward that was saved by hand has none
-        ceiling=stages.ceiling(target, seeds, out),
+        chosen_iterations=[iterations[lane] for lane in kept] if iterations else [],
+        ceiling=ceiling.returns,
+        ceiling_dropped=ceiling.dropped,
     )
     folder.write_summary(result.to_json())
     title = f"{name}: {result.task} to {target.task}"
@@ -325,13 +366,15 @@ def reuse(
     return result
 
 
-def _result(experiment: Experiment, returns: np.ndarray, reference: Reference) -> Result:
-    """What every result of an experiment has."""
+def _result(experiment: Experiment, folder: RunFolder, returns: np.ndarray, reference: Reference) -> Result:
+    """What every result of an experiment has; `returns` are those of the lanes that were not dropped."""
+    kept = range(len(experiment.seeds)) if experiment.points else divergence.kept_seeds(folder)
     return Result(
         name=experiment.name,
         method=experiment.config.method,
         task=experiment.source.task,
-        seeds=list(experiment.seeds),
+        seeds=[experiment.seeds[lane] for lane in kept],
+        dropped=folder.dropped(),
         returns=returns.tolist(),
         **reference._asdict(),
         env_steps=0,
@@ -359,8 +402,9 @@ def _draw(experiment: Experiment, folder: RunFolder, result: Result) -> None:
     """Saves `curves.png`; the pictures of a moved policy would be those of its learning, so it gets none."""
     path, source = folder.path / "curves.png", experiment.source.task
     if experiment.points:
-        returns = np.array(result.returns).reshape(len(result.points), -1)
-        curves = folder.curve("true_return", returns.size).reshape(*returns.shape, -1)
+        returns = result.returns_by_point
+        labels = stages.lanes_of(experiment)
+        curves = folder.curve("true_return", len(labels)).reshape(len(returns), len(experiment.seeds), -1)
         names, steps = [point_name(point) for point in result.points], experiment.config.steps_per_iteration
         plot_sweep(path, f"{experiment.name} in {source}", names, returns, curves, steps, result.expert)
     elif experiment.use is None:
@@ -371,17 +415,17 @@ def _draw(experiment: Experiment, folder: RunFolder, result: Result) -> None:
             dataclasses.replace(curve, panel=f"{curve.panel} while learning")
             for curve in imitation_curves(learning, experiment)[:3]
         ]
-        returns = stages.kept_curves(folder, target, len(experiment.seeds))
+        returns = stages.kept_curves(folder, target, len(experiment.seeds))[divergence.kept_seeds(folder)]
         curves.append(_retraining_curve(target, returns, result.ceiling))
         plot(path, f"{experiment.name}: {source} to {target.task}", curves)
 
 
 def imitation_curves(folder: RunFolder, experiment: Experiment) -> list[Curve]:
     """True return, discriminator accuracy and reward while learning in `folder`."""
-    steps = experiment.config.steps_per_iteration
+    steps, kept = experiment.config.steps_per_iteration, divergence.kept_seeds(folder)
 
     def curve(panel: str, label: str, name: str, level: tuple[str, float] | None = None) -> Curve:
-        return Curve(panel, label, folder.curve(name, len(experiment.seeds)), steps, level)
+        return Curve(panel, label, folder.curve(name, len(experiment.seeds))[kept], steps, level)
 
     expert = experiment.source.reference.expert
     true = curve("true return", "", "true_return", None if expert is None else ("expert", expert))

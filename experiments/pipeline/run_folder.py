@@ -7,6 +7,7 @@ import csv
 import datetime
 import hashlib
 import json
+import os
 import platform
 import resource
 import shutil
@@ -25,7 +26,7 @@ from eairl_jax.experiments.pipeline import records
 from eairl_jax.experiments.pipeline.trackers import Track
 from eairl_jax.experiments.settings import SETTINGS, TRIALS, Recipe
 from eairl_jax.schema import Schema
-from eairl_jax.storage import read_json, replacing, write_json
+from eairl_jax.storage import naming, read_json, replacing, write_json
 
 SECONDS_ADVICE = "remove the file; its seconds are then not counted"
 MINIMUM_FREE_BYTES = 50_000_000
@@ -39,7 +40,7 @@ class RunFolder:
     """The folder of one run.
 
     The first run that opens a folder claims it: `config.json` is written and must agree whenever the folder is opened
-    again. So a command only ever goes on with its own run.
+    again. So a command only ever goes on with its own run. A claimed folder is only read until something is trained.
 
     Args:
       path: created if it does not exist.
@@ -47,11 +48,28 @@ class RunFolder:
       track: who is told of each chunk of a training in this folder (`trackers.tracked`).
 
     Raises:
-      InputError: if the folder belongs to a different run, or cannot be written.
+      InputError: if the folder belongs to a different run, or if it is new and cannot be written.
     """
 
     def __init__(self, path: Path | str, settings: dict, track: Sequence[Track] = ()):
         self.path, self.settings, self.track = Path(path), settings, tuple(track)
+        config = self.path / "config.json"
+        if config.exists():  # nothing is written: a run can be read where nobody may write
+            refuse_different(self.path, records.settings(self.path), settings)
+            return
+        self.prepare()
+        if any(path.name != "config.json.part" for path in self.path.iterdir()):  # a kill leaves this file
+            raise InputError(
+                f"{self.path} holds files but no config.json, so it is no run's folder: choose another with --out"
+            )
+        write_json(config, {"settings": settings, "machine": machine()})
+
+    def prepare(self) -> None:
+        """Makes the folder, and tries whether it can be written. It is better to fail before anything is computed.
+
+        Raises:
+          InputError: if it cannot be written, or if its disk is nearly full.
+        """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             probe = self.path / ".writable"
@@ -64,23 +82,19 @@ class RunFolder:
                 f"the disk of {self.path} has less than {MINIMUM_FREE_BYTES // 10**6} MB free: free some space, or "
                 "choose another folder with --out"
             )
-        config = self.path / "config.json"
-        if config.exists():
-            refuse_different(self.path, records.settings(self.path), settings)
-        elif any(path.name != "config.json.part" for path in self.path.iterdir()):  # a kill leaves this file
-            raise InputError(
-                f"{self.path} holds files but no config.json, so it is no run's folder: choose another with --out"
-            )
-        else:
-            write_json(config, {"settings": settings, "machine": machine()})
+
+    def is_writable(self) -> bool:
+        """Whether files can be added. The pictures of a finished run are left out where they cannot."""
+        return os.access(self.path, os.W_OK)
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
         """Keeps other processes from training in the folder: they would mix their metrics and checkpoints.
 
         Raises:
-          InputError: if another process is training in the folder.
+          InputError: if another process is training in the folder, or if it cannot be written.
         """
+        self.prepare()
         try:
             with filelock.FileLock(self.path / ".lock", timeout=0):
                 yield
@@ -99,7 +113,12 @@ class RunFolder:
         return read_json(path, expected, records.AGAIN) if path.exists() else None
 
     def write_summary(self, summary: dict) -> None:
-        """Marks the run as finished."""
+        """Marks the run as finished.
+
+        Raises:
+          InputError: if the folder was removed meanwhile.
+        """
+        self._refuse_removed()
         write_json(self.path / "summary.json", summary)
 
     def seconds(self) -> dict[str, float]:
@@ -117,6 +136,18 @@ class RunFolder:
         before = read_json(path, records.SECONDS, SECONDS_ADVICE) if path.exists() else dict.fromkeys(more, 0.0)
         write_json(path, {name: before[name] + seconds for name, seconds in more.items()})
 
+    def dropped(self) -> list[dict]:
+        """The lanes that were dropped because a value was not finite (`divergence`), in the order of dropping."""
+        path = self.path / "dropped.json"
+        return read_json(path, records.DROPPED, records.AGAIN)["dropped"] if path.exists() else []
+
+    def drop(self, entries: list[dict]) -> None:
+        """Adds entries of `divergence.entry` that are not there."""
+        before = self.dropped()
+        new = [each for each in entries if each not in before]
+        if new:
+            write_json(self.path / "dropped.json", {"dropped": before + new})
+
     # Metrics ---------------------------------------------------------------------------------------------------------
 
     def append_metrics(
@@ -129,13 +160,18 @@ class RunFolder:
           steps: environment steps of an iteration.
           labels: what tells the lanes apart, for example {"seed": 0}.
           metrics: NumPy arrays `[lanes, length]`.
+
+        Raises:
+          InputError: if the folder was removed while it was trained in, or if the file has other columns.
+          OSError: if the file cannot be written, with its path.
         """
+        self._refuse_removed()
         path, names = self.path / "metrics.csv", sorted(metrics)
         length = next(iter(metrics.values())).shape[1]
         is_new, header = not path.exists(), [*labels[0], "iteration", "env_steps", *names]
         if not is_new:
             self._refuse_other_columns(header)
-        with open(path, "a", newline="", encoding="utf-8") as f:
+        with naming(path), open(path, "a", newline="", encoding="utf-8") as f:
             writer = csv.writer(f)
             if is_new:
                 writer.writerow(header)
@@ -175,6 +211,13 @@ class RunFolder:
             return
         with replacing(path) as unfinished, open(unfinished, "w", newline="", encoding="utf-8") as f:
             f.writelines(lines[: count + 1])
+
+    def _refuse_removed(self) -> None:
+        if not (self.path / "config.json").exists():
+            raise InputError(
+                f"{self.path} was removed, or has lost its config.json, while its command was running: bring it back "
+                "and repeat the command to go on; without it, what was computed is lost, and the command begins anew"
+            )
 
     def _refuse_other_columns(self, header: list[str]) -> None:
         with open(self.path / "metrics.csv", newline="", encoding="utf-8") as f:

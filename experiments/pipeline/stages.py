@@ -18,6 +18,7 @@ import numpy as np
 from eairl_jax import (
     Algorithm,
     Config,
+    Diverged,
     HParams,
     InputError,
     Lanes,
@@ -38,7 +39,7 @@ from eairl_jax.agent import clip_actions
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import file_name
 from eairl_jax.evaluation import reward_per_step
-from eairl_jax.experiments.pipeline import records
+from eairl_jax.experiments.pipeline import divergence, records
 from eairl_jax.experiments.pipeline.experiment import RANDOM_SEED, Experiment, Rule, Target, Use, snapshot_iterations
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, settings_digest
 from eairl_jax.experiments.pipeline.train import (
@@ -49,8 +50,8 @@ from eairl_jax.experiments.pipeline.train import (
     SOURCE_RETRAIN,
     Lane,
     Start,
-    final_returns,
     lane_keys,
+    scores,
     take_lanes,
     train,
 )
@@ -129,6 +130,16 @@ def snapshot_path(folder: RunFolder, iteration: int) -> Path:
     return folder.path / "snapshots" / f"{iteration:06d}"
 
 
+def of_kept(reward: LearnedReward, lanes: np.ndarray) -> LearnedReward:
+    """The rewards of some seeds, `lanes` of all."""
+    chosen = {
+        name: [reward.description[name][lane] for lane in lanes]
+        for name in ("seeds", "iterations")
+        if name in reward.description
+    }
+    return LearnedReward(reward.description | chosen, reward.config, take_lanes(reward.params, lanes))
+
+
 def describe(experiment: Experiment, params: PyTree, iterations: list[int]) -> LearnedReward:
     """Learned rewards with their description.
 
@@ -158,9 +169,9 @@ def saturated_lanes(folder: RunFolder, experiment: Experiment) -> list[str]:
     labels = lanes_of(experiment)
     share = (folder.curve("accuracy", len(labels)) > SATURATED_ACCURACY).mean(axis=1)
     return [
-        ", ".join(f"{name} {value:g}" for name, value in lane.items())
-        for lane, lane_share in zip(labels, share, strict=True)
-        if lane_share > 0.5
+        ", ".join(f"{name} {value:g}" for name, value in labels[lane].items())
+        for lane in divergence.kept(folder, labels)
+        if share[lane] > 0.5
     ]
 
 
@@ -207,7 +218,9 @@ def _by_source_retrain(folder: RunFolder, learning: RunFolder, experiment: Exper
     all_rewards = LearnedReward(rewards[0].description, rewards[0].config, params)
     inner = RunFolder(folder.path / "source_retrain", {"rule": dataclasses.asdict(rule)} | source.settings())
     title = f"{experiment.name}: retraining on {len(kept)} snapshots in {source.task}"
+    inner.drop(folder.dropped())
     retrain(inner, title, Training(source, all_rewards, labels, SOURCE_RETRAIN))
+    folder.drop(inner.dropped())
     shape = (rule.repeats, len(kept), len(seeds))
     learned, true = (
         last_tenth(inner.curve(name, rule.repeats * len(labels))).reshape(shape)
@@ -333,7 +346,9 @@ def best_trials(folder: RunFolder, title: str, training: Training) -> PyTree:
     # The algorithm has the whole number of iterations: a trial is the first part of a training.
     lanes = training.lanes(training.algorithm, training.phase, labels)
     start = Start(0, lambda: _first_policies(inner, training, lanes.take(lanes.init())))
+    inner.drop(folder.dropped())
     state = train(inner, title, lanes, short, labels, start=start)
+    folder.drop(inner.dropped())
     return take_lanes(state, kept_trials(inner, recipe, len(training.labels)).ravel())
 
 
@@ -374,11 +389,13 @@ def planned(inner: RunFolder, training: Training) -> PyTree:
     state = lanes.init()
     inner.add_seconds(compile_seconds=lanes.compile(state, 1))
     started = time.perf_counter()
-    state, metrics = lanes.run(state, 1)
+    guard = divergence.Guard(inner, "plans", training.labels, target.recipe.on_nan, lanes.take(state))
+    state, metrics = lanes.run(state, 1, check=False)
     inner.add_seconds(run_seconds=time.perf_counter() - started)
-    write_json(inner.path / PLANS, {"learned_per_step": metrics["score"][:, 0].tolist()})
+    planned_state, metrics = guard.checked(0, lanes.take(state), metrics, None)
+    write_json(inner.path / PLANS, {"learned_per_step": divergence.all_finite(metrics["score"][:, 0])})
     # From [rewards, plans, ...] to lanes in the order (plan, reward).
-    return jax.tree.map(lambda leaf: np.swapaxes(leaf, 0, 1).reshape(-1, *leaf.shape[2:]), lanes.take(state))
+    return jax.tree.map(lambda leaf: np.swapaxes(leaf, 0, 1).reshape(-1, *leaf.shape[2:]), planned_state)
 
 
 class Worth(NamedTuple):
@@ -415,7 +432,7 @@ def share_of_best(reached: np.ndarray, random: np.ndarray, known: Sequence[np.nd
 
 
 class Score(NamedTuple):
-    """What the kept policies reach in the target.
+    """What the kept policies reach in the target, without the seeds that were dropped.
 
     Attributes:
       curves: `[seeds, iterations]` true returns while training.
@@ -438,9 +455,10 @@ def score(folder: RunFolder, title: str, target: Target, reward: LearnedReward |
     algorithm, state = retrain(folder, title, training)
     if not (folder.path / WORTH).exists():
         _judge(folder, training, algorithm, state)
-    kept = best_restarts(folder, target.recipe.restarts, len(seeds))
-    returns = final_returns(target.env, algorithm, take_lanes(state, kept), seeds).mean(axis=1)
-    return Score(kept_curves(folder, target, len(seeds)), returns, worth(folder))
+    best = take_lanes(state, best_restarts(folder, target.recipe.restarts, len(seeds)))
+    returns = scores(folder, target.recipe, target.env, algorithm, best, training.labels)
+    kept = divergence.kept_seeds(folder)
+    return Score(kept_curves(folder, target, len(seeds))[kept], returns[kept], worth(folder))
 
 
 def _judge(folder: RunFolder, training: Training, algorithm: Algorithm, state: PyTree) -> None:
@@ -451,12 +469,31 @@ def _judge(folder: RunFolder, training: Training, algorithm: Algorithm, state: P
     if target.demos is not None:
         compared[EXPERT] = rewards_of(training, expert_steps(training))
     if target.recipe.trials > target.recipe.random_trials:
-        compared[BEST_PLAN] = np.array(read_json(trials_folder(folder).path / PLANS, records.PLANS)["learned_per_step"])
+        compared[BEST_PLAN] = np.array(
+            read_json(trials_folder(folder).path / PLANS, records.PLANS)["learned_per_step"], np.float64
+        )
+    for name, values in {"policies": policies.reshape(restarts, -1), **compared}.items():
+        _refuse_worthless(folder, training, name, values.reshape(-1, len(training.labels)))
     content = {
-        "policies": policies.reshape(restarts, -1).tolist(),
-        "compared": {name: values.tolist() for name, values in compared.items()},
+        "policies": [divergence.all_finite(values) for values in policies.reshape(restarts, -1)],
+        "compared": {name: divergence.all_finite(values) for name, values in compared.items()},
     }
     write_json(folder.path / WORTH, content)
+
+
+def _refuse_worthless(folder: RunFolder, training: Training, name: str, values: np.ndarray) -> None:
+    """Stops, or drops the seeds, where a reward `[behaviours, seeds]` is not finite."""
+    for lane in np.flatnonzero(~np.isfinite(values).all(axis=0)):
+        label, target = training.labels[lane], training.target
+        if any(divergence.matches(each, label) for each in folder.dropped()):
+            continue
+        wrong = float(values[:, lane][~np.isfinite(values[:, lane])][0])
+        dropped = divergence.entry(
+            label, divergence.EVALUATION, f"reward of {name}", target.recipe.config.iterations, wrong
+        )
+        if target.recipe.on_nan == "stop":
+            raise Diverged(f"no score: {divergence.explain([dropped])}", name, int(lane), dropped["iteration"], wrong)
+        folder.drop([dropped])
 
 
 def final_rewards(training: Training, algorithm: Algorithm, state: PyTree, labels: list[Lane]) -> np.ndarray:
@@ -507,11 +544,17 @@ def random_steps(env: Task, episodes: int) -> dict[str, np.ndarray]:
 
 
 def worth(folder: RunFolder) -> Worth:
-    """What the policies of a folder are worth to the reward that they were trained on, as `score` wrote it.
+    """What the policies of a folder are worth to the reward that they were trained on, without the dropped seeds.
 
     Raises:
       InputError: if the folder has no such file.
     """
+    kept, every = divergence.kept_seeds(folder), _worth(folder)
+    return Worth(every.policies[:, kept], {name: values[kept] for name, values in every.compared.items()})
+
+
+def _worth(folder: RunFolder) -> Worth:
+    """What `score` wrote; NaN where a dropped seed has no worth."""
     path = folder.path / WORTH
     if not path.exists():
         raise InputError(
@@ -522,14 +565,15 @@ def worth(folder: RunFolder) -> Worth:
     policies, seeds = content["policies"], len(content["policies"][0])
     if any(len(values) != seeds for values in (*policies, *content["compared"].values())):
         raise InputError(f"{path} holds lists of different lengths, expected {seeds} seeds in each: {records.AGAIN}")
-    return Worth(np.array(policies), {name: np.array(values) for name, values in content["compared"].items()})
+    compared = {name: np.array(values, np.float64) for name, values in content["compared"].items()}
+    return Worth(np.array(policies, np.float64), compared)
 
 
 def best_restarts(folder: RunFolder, restarts: int, seeds: int) -> np.ndarray:
     """Lanes `[seeds]` of the policies that are worth most, at the end, to the reward that they were trained on."""
     if restarts == 1:
         return np.arange(seeds)
-    return worth(folder).policies.argmax(axis=0) * seeds + np.arange(seeds)
+    return _worth(folder).policies.argmax(axis=0) * seeds + np.arange(seeds)
 
 
 def kept_curves(folder: RunFolder, target: Target, seeds: int, metric: str = "true_return") -> np.ndarray:
@@ -548,8 +592,20 @@ def last_tenth(curves: np.ndarray) -> np.ndarray:
     return curves[:, -max(1, curves.shape[1] // 10) :].mean(axis=1)
 
 
-def ceiling(target: Target, seeds: Sequence[int], out: Path) -> list[float]:
-    """True return of each seed's policy trained on the true reward under the same budget; trained once in `out`."""
+class Ceiling(NamedTuple):
+    """What policies reach that are trained alike on the true reward.
+
+    Attributes:
+      returns: true returns of the seeds that were not dropped.
+      dropped: entries of the others (`divergence.entry`).
+    """
+
+    returns: list[float]
+    dropped: list[dict]
+
+
+def ceiling(target: Target, seeds: Sequence[int], out: Path) -> Ceiling:
+    """Trains on the true reward under the same budget; once in `out`."""
     target = target.with_config(horizon="default")
     settings = target.settings() | {"seeds": list(seeds), "reward": "true"}
     folder = RunFolder(out / f"ceiling-{file_name(target.task)}-{settings_digest(settings)}", settings)
@@ -558,4 +614,4 @@ def ceiling(target: Target, seeds: Sequence[int], out: Path) -> list[float]:
         returns = score(folder, f"ceiling: true reward in {target.task}", target, None, seeds).returns
         summary = {"returns": returns.tolist(), "mean": float(returns.mean()), **folder.seconds()}
         folder.write_summary(summary)
-    return summary["returns"]
+    return Ceiling(summary["returns"], folder.dropped())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from rich.text import Text
 from eairl_jax import Algorithm, Checkpoints, Diverged, Lanes, evaluate
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.experiments.display.console import console, say
-from eairl_jax.experiments.pipeline import trackers
+from eairl_jax.experiments.pipeline import divergence, trackers
 from eairl_jax.experiments.pipeline.interruption import Interruption
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.settings import Recipe
@@ -87,10 +87,10 @@ def train(
       start: the states to begin with; those of `lanes.init` if None.
 
     Returns:
-      The final state, NumPy arrays `[lanes, ...]`.
+      The final state, NumPy arrays `[lanes, ...]`; of a dropped lane (`divergence`) its last good state.
 
     Raises:
-      Diverged: when a metric is no longer finite.
+      Diverged: when a metric or the state is no longer finite, and `recipe.on_nan` is "stop" or no lane is left.
       InputError: if another process is training in the folder.
     """
     with folder.locked():
@@ -118,12 +118,15 @@ def train(
             folder.add_seconds(compile_seconds=compile_seconds)
             report = stack.enter_context(_Report(title, recipe, len(labels), done))
             interruption = stack.enter_context(Interruption())
+            guard = divergence.Guard(folder, title, labels, recipe.on_nan, lanes.take(state))
             while done < iterations:
                 started = time.perf_counter()
-                with _named(labels, done, checkpoints.latest()):
-                    state, metrics = lanes.run(state, chunk)
+                state, metrics = lanes.run(state, chunk, check=False)
                 seconds = time.perf_counter() - started
-                snapshot = lanes.take(state)
+                reached = lanes.take(state)
+                snapshot, metrics = guard.checked(done, reached, metrics, checkpoints.latest())
+                if snapshot is not reached:
+                    state = lanes.put(snapshot)
                 folder.append_metrics(done, steps, labels, metrics)
                 tell_trackers(done, metrics)
                 done += chunk
@@ -175,24 +178,6 @@ class _Report:
             console.print(f"{self._title}: iteration {done}/{self._iterations}  {rate}  {score}", soft_wrap=True)
 
 
-@contextlib.contextmanager
-def _named(labels: list[Lane], done: int, kept: int | None) -> Iterator[None]:
-    """Names the lane and the iteration of a run where a metric is no longer finite; `kept` is the last checkpoint."""
-    try:
-        yield
-    except Diverged as e:
-        where = ", ".join(f"{label} {value}" for label, value in labels[e.lane].items())
-        checkpoint = f"the checkpoint of iteration {kept} is kept" if kept else "no checkpoint was written yet"
-        raise Diverged(
-            f"{e.metric} became {e.value} at iteration {done + e.iteration} ({where}); {checkpoint}. "
-            "Try a lower learning rate (--set policy_lr=..., discriminator_lr=...) in a new --out",
-            e.metric,
-            e.lane,
-            e.iteration,
-            e.value,
-        ) from None
-
-
 def final_returns(
     env: Task,
     algorithm: Algorithm,
@@ -233,3 +218,39 @@ def final_returns(
             float(returns[lane, episode]),
         )
     return returns
+
+
+def scores(
+    folder: RunFolder,
+    recipe: Recipe,
+    env: Task,
+    algorithm: Algorithm,
+    state: PyTree,
+    labels: list[Lane],
+    sampled: bool = True,
+) -> np.ndarray:
+    """Mean true return `[lanes]` of every lane's policy; NaN for a lane that was dropped before, or is dropped here.
+
+    Args:
+      folder: whose `dropped.json` says which lanes were dropped.
+      recipe: `recipe.on_nan` says whether a policy is dropped that has no finite return.
+      labels: what tells the lanes apart; each has a seed.
+      sampled: as in `final_returns`.
+
+    Raises:
+      Diverged: if a return is not finite and `recipe.on_nan` is "stop", or if no lane is left.
+    """
+    while True:
+        kept = divergence.kept(folder, labels)
+        seeds = [labels[lane]["seed"] for lane in kept]
+        try:
+            returns = final_returns(env, algorithm, take_lanes(state, kept), seeds, sampled=sampled)
+        except Diverged as e:
+            if recipe.on_nan == "stop":
+                raise
+            label = labels[kept[e.lane]]
+            folder.drop([divergence.entry(label, divergence.EVALUATION, e.metric, recipe.config.iterations, e.value)])
+            continue
+        means = np.full(len(labels), np.nan)
+        means[kept] = returns.mean(axis=1)
+        return means

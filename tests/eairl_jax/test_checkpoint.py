@@ -1,5 +1,7 @@
 """What was computed before a kill is there after it, bit for bit."""
 
+import errno
+import os
 import shutil
 
 import jax
@@ -162,3 +164,27 @@ def test_if_all_are_damaged_there_is_none(tmp_path, two_checkpoints):
     restored = Checkpoints(copy).restore_newest(lambda: TREE)
     assert restored == (None, None, [2, 1])
     assert Checkpoints(copy).latest() is None
+
+
+@pytest.mark.parametrize("how", ["before", "meanwhile"])
+def test_a_full_disk_is_one_error_and_the_last_checkpoint_stays(tmp_path, monkeypatch, how):
+    checkpoints, state = Checkpoints(tmp_path), {"net": np.ones((2, 3), np.float32)}
+    checkpoints.save(1, state)
+
+    def no_space(*_arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def failing_save(*_arguments, **_more):
+        raise ValueError("RESOURCE_EXHAUSTED: Failed to write 448 bytes [os_error_code='28']")
+
+    with monkeypatch.context() as patch:
+        if how == "before":
+            patch.setattr(os, "posix_fallocate", no_space, raising=False)
+        else:
+            patch.setattr(checkpoints._manager, "save", failing_save)
+        with pytest.raises(OSError, match=r"No space left on device") as e:
+            checkpoints.save(2, state)
+    assert (e.value.errno, e.value.filename) == (errno.ENOSPC, str(tmp_path / "2" if how == "meanwhile" else tmp_path))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["1"]
+    restored = Checkpoints(tmp_path).restore_newest(lambda: state)
+    assert (restored.iteration, restored.damaged) == (1, [])

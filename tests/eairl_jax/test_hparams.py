@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from eairl_jax import HParams, InputError
-from eairl_jax.hparams import check_hparams
+from eairl_jax.arguments import SMALLEST, Range
+from eairl_jax.hparams import RANGES, check_hparams
 
 
 @pytest.mark.parametrize(("progress", "lr"), [(0.0, 0.4), (0.5, 0.22), (1.0, 0.04), (3.0, 0.04)])
@@ -42,7 +43,7 @@ def test_the_std_falls_by_the_same_factor_everywhere_to_its_end_and_stays_there(
     [
         ("gamma", 1.5, "gamma = 1.5: expected a number at least 0 and at most 1, for example 0.99"),
         ("gae_lambda", np.float32(2.0), "gae_lambda = 2: .* at most 1"),
-        ("policy_lr", -1.0, "policy_lr = -1: expected a number at least 0, for example 0.001"),
+        ("policy_lr", -1.0, "policy_lr = -1: expected a number at least 0 and at most 100, for example 0.001"),
         ("beta", np.nan, "beta = nan"),
         ("lambda_i", np.inf, "lambda_i = inf"),
         ("kl_limit", 0.0, "kl_limit = 0: expected a number above 0"),
@@ -68,6 +69,23 @@ def test_possible_values_are_accepted_and_tracers_are_not_checked():
         return gamma
 
     assert traced(1.5) == 1.5
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(HParams)])
+@pytest.mark.parametrize("value", [1e38, 1e-45, -1e30, -1e-45, 1e300, 2e6, np.float32(1e38), jnp.array([0.5, 1e38])])
+def test_an_absurd_value_of_any_setting_is_refused(name, value):
+    with pytest.raises(InputError, match=f"{name} = .*: expected a number .* and at most"):
+        check_hparams(HParams(**{name: value}))
+
+
+def test_the_ends_of_the_ranges_are_possible_in_single_precision_too():
+    for field in dataclasses.fields(HParams):
+        high = RANGES.get(field.name, Range()).high
+        for value in (high, SMALLEST):
+            check_hparams(HParams(**{field.name: value}))
+            check_hparams(HParams(**{field.name: np.float32(value)}))
+    with pytest.raises(InputError, match=r"phi_lr = 1e-20: .* a number below 1e-12 acts as 0"):
+        check_hparams(HParams(phi_lr=1e-20))
 
 
 def test_zero_is_possible_for_every_setting_but_three():

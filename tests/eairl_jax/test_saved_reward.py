@@ -124,7 +124,10 @@ CONFIG = {
     "another form": ({"reward_form": "separable"}, r"reward\.npz lacks params/k/params"),
     "a form of smaller input": ({"reward_form": "s"}, "Dense_0/kernel has shape"),
     "another horizon": ({"horizon": "absorbing"}, "has shape"),
-    "an infinite std": ({"log_std_min": -1e300}, "log_std_min = -1e.300: expected a number from -30 to 30"),
+    "an infinite std": (
+        {"log_std_min": -1e300},
+        "log_std_min = -1e.300: expected a number at least -30 and at most 30",
+    ),
 }
 
 

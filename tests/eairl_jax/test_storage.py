@@ -91,3 +91,18 @@ def test_what_is_no_json_object_is_refused(tmp_path, content):
 def test_a_file_that_is_not_there_is_named(tmp_path, read):
     with pytest.raises(InputError, match=r"missing does not exist"):
         read(tmp_path / "missing")
+
+
+def test_a_file_that_cannot_be_written_is_named_and_leaves_no_part(tmp_path):
+    path = tmp_path / "a.json"
+    storage.write_json(path, {"a": 1})
+
+    def write_a_part():
+        with storage.replacing(path) as unfinished:
+            unfinished.write_text("{")
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match=r"No space left on device: .*a\.json"):
+        write_a_part()
+    assert [each.name for each in tmp_path.iterdir()] == ["a.json"]
+    assert storage.read_json(path) == {"a": 1}

@@ -1,5 +1,6 @@
 """Small settings that every command can be driven with in seconds, and the ways to drive one."""
 
+import contextlib
 import csv
 import re
 import shutil
@@ -119,6 +120,23 @@ def metrics_lines():
             return list(csv.DictReader(f))
 
     return read
+
+
+@pytest.fixture(scope="session")
+def unchanged():
+    """`with unchanged(folder):` fails if a file was written, or made and removed, in the folder."""
+
+    def state_of(folder):
+        stats = {path: path.stat() for path in (folder, *folder.rglob("*"))}
+        return {path: (each.st_mtime_ns, each.st_size, each.st_ino) for path, each in stats.items()}
+
+    @contextlib.contextmanager
+    def compare(folder):
+        before = state_of(folder)
+        yield
+        assert state_of(folder) == before
+
+    return compare
 
 
 @pytest.fixture(scope="session")

@@ -1,10 +1,14 @@
 """Every setting is documented, parsed by its type, and ends in one recipe."""
 
+from dataclasses import fields, replace
+
 import pytest
 
-from eairl_jax import InputError, envs
+from eairl_jax import Config, HParams, InputError, envs
+from eairl_jax.experiments.pipeline.experiment import make_env
 from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES
-from eairl_jax.experiments.settings import SETTINGS, divisor, documentation, parse_overrides, recipe
+from eairl_jax.experiments.settings import SETTINGS, Recipe, divisor, documentation, parse_overrides, recipe
+from eairl_jax.hparams import check_hparams
 
 
 def test_every_setting_is_documented():
@@ -82,3 +86,19 @@ def test_a_number_of_snapshots_that_was_set_is_kept():
     assert recipe("pendulum", envs.make("pendulum"), "imitate", changes).snapshot_every == 2
     with pytest.raises(InputError, match="iterations = 1009 is not a multiple of snapshot_every = 40"):
         recipe("pendulum", envs.make("pendulum"), "imitate", {"method": "eairl", "iterations": 1009})
+
+
+FLOATS = [(cls, field.name) for cls in (Config, HParams, Recipe) for field in fields(cls) if "float" in str(field.type)]
+
+
+@pytest.mark.parametrize("value", ["1e38", "1e-45", "-1e30"])
+def test_an_absurd_float_is_refused_from_the_command_line_and_from_python(value):
+    env = make_env("pendulum")
+    whole = {Config: Config(), HParams: HParams(), Recipe: Recipe(Config(), HParams())}
+    assert {"gamma", "log_std_init", "random_std"} < {name for _, name in FLOATS}
+    for cls, name in FLOATS:
+        overrides = parse_overrides((f"{name}={value}",))
+        with pytest.raises(InputError, match=f"{name} = .*: expected a number"):
+            recipe("pendulum", env, "retrain", overrides)
+        with pytest.raises(InputError, match=f"{name} = .*: expected a number"):
+            check_hparams(replace(whole[cls], **{name: float(value)}))

@@ -679,8 +679,8 @@ PIPELINE = bugs_of(
     (
         "worst-expert",
         "policies.py",
-        "best = int(np.argmax(returns))",
-        "best = int(np.argmin(returns))",
+        "np.argmax(last_tenth(curves)[kept])",
+        "np.argmin(last_tenth(curves)[kept])",
         "experiments/pipeline/test_policies.py",
     ),
     (

@@ -7,9 +7,10 @@ import numpy as np
 from eairl_jax import load_policy
 
 
-def test_demos_make_what_imitate_reads(expert, tmp_path, tiny, run, capsys):
+def test_demos_make_what_imitate_reads(expert, tmp_path, tiny, run, capsys, unchanged):
     path = tmp_path / "pendulum.npz"
-    assert run("demos", "pendulum", "--expert", expert, "--episodes", 20, "--out", path) == 0
+    with unchanged(expert):  # reading writes nothing
+        assert run("demos", "pendulum", "--expert", expert, "--episodes", 20, "--out", path) == 0
     provenance = json.loads(path.with_suffix(".json").read_text())
     with np.load(path, allow_pickle=False) as arrays:
         assert arrays["obs"].shape == (20 * 200, 3)

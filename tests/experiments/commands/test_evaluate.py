@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 
-def test_policies_score_alike_again_and_in_the_c_engine(finished, tmp_path, tiny, run, table, capsys):
+def test_policies_score_alike_again_and_in_the_c_engine(finished, tmp_path, tiny, run, table, capsys, unchanged):
     figures = tmp_path / "figures.json"
-    assert run("evaluate", finished, "--engine", "c", "--episodes", 2, "--json", figures) == 0
+    with unchanged(finished):  # reading writes nothing
+        assert run("evaluate", finished, "--engine", "c", "--episodes", 2, "--json", figures) == 0
     assert "C over MJX" in table(capsys)
     returns = json.loads(figures.read_text())["returns"]
     summary = json.loads((finished / "summary.json").read_text())

@@ -1,6 +1,8 @@
 """`eairl imitate`: what it leaves, and how it goes on."""
 
 import json
+import os
+import shutil
 
 import numpy as np
 import pytest
@@ -28,6 +30,19 @@ def test_imitate_leaves_what_it_promises(finished, tiny, capsys, imitate, metric
     assert "normalized" in table(capsys)
     reward = load_reward(folder / "reward", 3, 1)
     assert np.isfinite(reward(np.ones(3), np.ones(1), seed=1))
+
+
+def test_a_finished_run_can_lie_where_nobody_may_write(finished, tiny, imitate, capsys, monkeypatch, unchanged):
+    """What its command would have added is left out: the picture and the policy, of a run that has lost them."""
+    (finished / "curves.png").unlink()
+    shutil.rmtree(finished / "policy")
+    with monkeypatch.context() as patch, unchanged(finished):
+        patch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
+        assert imitate(finished, tiny) == 0
+    assert "eairl-sa" in capsys.readouterr().out
+    assert imitate(finished, tiny) == 0
+    assert (finished / "curves.png").exists()
+    assert (finished / "policy" / "policy.json").exists()
 
 
 def test_methods_side_by_side(tmp_path, tiny, capsys, imitate, metrics_lines, table):

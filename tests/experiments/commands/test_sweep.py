@@ -39,3 +39,19 @@ def test_a_sweep_is_its_single_runs_side_by_side(tmp_path, tiny, capsys, run, im
     assert (tmp_path / "sweep" / "metrics.csv").stat().st_mtime_ns == before
     for together, alone in returns:
         np.testing.assert_allclose(together, alone, rtol=1e-3, err_msg="scored in the same episodes")
+    # A seed of one point is dropped: the other points keep both.
+    for name in ("summary.json", "curves.png"):
+        (tmp_path / "sweep" / name).unlink()
+    reason = {"training": "eairl-sa in pendulum", "quantity": "policy_loss", "iteration": 3, "value": "nan"}
+    dropped = [{"seed": 1, "lambda_i": 10.0, "gradient_penalty": 0.0} | reason]
+    dropped += [{"seed": seed, "lambda_i": 10.0, "gradient_penalty": 1.0} | reason for seed in (0, 1)]
+    (tmp_path / "sweep" / "dropped.json").write_text(json.dumps({"dropped": dropped}))
+    capsys.readouterr()
+    for _ in range(2):  # scored, and read
+        assert run(*arguments) == 0
+        printed = " ".join(capsys.readouterr().out.split())
+        assert "lambda_i 10, gradient_penalty 0: mean of 1 of 2 seeds; dropped: seed 1, lambda_i 10," in printed
+        assert "lambda_i 10, gradient_penalty 1: no score" in printed
+    rest = json.loads((tmp_path / "sweep" / "summary.json").read_text())
+    assert (rest["seeds"], rest["returns"], rest["dropped"]) == ([0, 1], summary["returns"][:5], dropped)
+    assert (tmp_path / "sweep" / "curves.png").exists()

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from eairl_jax import METHODS, load_reward
+from eairl_jax import METHODS, load_policy, load_reward
 
 
 def test_transfer_scores_a_chosen_reward(tmp_path, tiny, capsys, run, retrain_settings):
@@ -38,6 +38,31 @@ def test_transfer_scores_a_chosen_reward(tmp_path, tiny, capsys, run, retrain_se
     (folder,) = (tmp_path / "again").glob("reuse-*")
     reused = json.loads((folder / "summary.json").read_text())
     assert reused["returns"] == summary["returns"]
+    # A seed that was dropped while its reward was learned has no part in anything that follows.
+    reason = {"training": "learning", "quantity": "accuracy", "iteration": 2, "value": "nan"}
+    (learned / "dropped.json").write_text(json.dumps({"dropped": [{"seed": 0} | reason]}))
+    (folder,) = (tmp_path / "run").glob("transfer-*")
+    for path in (learned / "summary.json", folder / "summary.json", folder / "policy" / "policy.json"):
+        path.unlink()
+    capsys.readouterr()
+    for _ in range(2):  # scored, and read
+        assert run(*arguments, "--rule", "last", "--out", tmp_path / "run", *settings) == 0
+        assert "dropped: seed 0 (accuracy became nan at iteration 2 of learning)" in printed(capsys)
+    rest = json.loads((folder / "summary.json").read_text())
+    assert rest["seeds"] == [1]
+    for name in ("returns", "imitation_returns", "chosen_iterations", "learned_rewards", "learned_share"):
+        np.testing.assert_allclose(rest[name], summary[name][1:], rtol=1e-5, err_msg=name)
+    assert rest["ceiling"] == summary["ceiling"]
+    assert [load(folder / name).description["seeds"] for name, load in ARTEFACTS.items()] == [[1], [1]]
+    assert run("evaluate", folder, "--episodes", 2, "--json", figures) == 0
+    np.testing.assert_allclose(json.loads(figures.read_text())["returns"]["MJX"], returns["MJX"][1:], rtol=1e-5)
+
+
+ARTEFACTS = {"reward": load_reward, "policy": load_policy}
+
+
+def printed(capsys):
+    return " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from eairl_jax.experiments.options import Imitate, Transfer
-from eairl_jax.experiments.pipeline.default_folder import changed_options, default_path
+from eairl_jax.experiments.pipeline.default_folder import NAMED, changed_options, default_path
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 
 MAZES = {"source": "point_maze_left", "target": "point_maze_right"}
@@ -37,7 +37,7 @@ def test_names_are_short_fit_for_a_file_and_different():
 def test_every_option_of_a_command_is_told_apart():
     for cls, needed in ((Imitate, {"task": "pendulum"}), (Transfer, MAZES)):
         for field in dataclasses.fields(cls):
-            if field.name in ("out", "reward", "tuned", "method", "reward_form", "rule", "track", *needed):
+            if field.name in {*NAMED, *needed}:
                 continue
             changed = cls(**needed, **{field.name: ("x=1",) if field.name.endswith("set") else "other"})
             assert changed_options(changed), field.name

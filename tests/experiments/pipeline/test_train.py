@@ -1,11 +1,18 @@
 """A training goes on where it was killed, and stops at a NaN."""
 
+import errno
+import json
+import os
+import shutil
+
+import jax
 import numpy as np
 import pytest
 
-from eairl_jax import Checkpoints, InputError, Lanes, lanes
+from eairl_jax import Checkpoints, InputError, Lanes, checkpoint, load_policy, load_reward
 from eairl_jax.experiments.pipeline import policies, train
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
+from eairl_jax.storage import named_leaves
 
 
 def test_a_killed_run_goes_on_bit_identically(finished, tmp_path, tiny, monkeypatch, imitate):
@@ -50,35 +57,113 @@ def read_state(folder):
     return manager.restore(4, args=ocp.args.StandardRestore())
 
 
-def test_nan_stops_the_run_and_keeps_the_last_good_checkpoint(tmp_path, tiny, monkeypatch, capsys, imitate):
+def poison(monkeypatch, of_chunk, in_state=False):
+    """From now on the metric `value_loss` of seed 1, or a weight of its policy, is NaN at the end of a chunk."""
     run_lanes = Lanes.run
 
-    def poisoned(self, state, length):
-        state, metrics = run_lanes(self, state, length)
-        if (tmp_path / "run" / "snapshots" / "000002").exists():
+    def poisoned(self, state, length, check=True):
+        chunk = int(np.asarray(state.agent.iteration)[0]) // length + 1
+        state, metrics = run_lanes(self, state, length, check)
+        if chunk == of_chunk and in_state:
+            leaves, tree = jax.tree.flatten(self.take(state))
+            names = list(named_leaves(self.take(state)))
+            weight = names.index("agent/policy/nets/params/actor/params/MLP_0/Dense_0/kernel")
+            leaves[weight] = leaves[weight].copy()
+            leaves[weight][1, 0, 0] = np.nan
+            state = self.put(jax.tree.unflatten(tree, leaves))
+        elif chunk == of_chunk:
             metrics["value_loss"] = metrics["value_loss"].copy()
             metrics["value_loss"][1, 1] = np.nan
-        lanes.refuse_not_finite(metrics)
         return state, metrics
 
     monkeypatch.setattr(Lanes, "run", poisoned)
-    assert imitate(tmp_path / "run", tiny) == 1
-    message = capsys.readouterr().err
-    assert "value_loss" in message
-    assert "iteration 4" in message
-    assert "seed 1" in message
-    assert Checkpoints(tmp_path / "run" / "checkpoints").latest() == 2
 
 
-def test_a_disk_that_fails_is_reported_and_nothing_is_lost(tmp_path, tiny, monkeypatch, capsys, imitate):
-    def full(*_arguments, **_more):
-        raise OSError(28, "No space left on device", "metrics.csv")
+def test_nan_stops_the_run_or_drops_its_seed(
+    finished, tmp_path, tiny, monkeypatch, capsys, run, imitate, metrics_lines
+):
+    folder = tmp_path / "nan"
+    with monkeypatch.context() as patch:
+        poison(patch, of_chunk=2)
+        assert imitate(folder, tiny) == 1
+        message = capsys.readouterr().err
+        assert "value_loss became nan at iteration 4 (seed 1); the checkpoint of iteration 2 is kept" in message
+        assert "--on-nan skip" in message
+        assert Checkpoints(folder / "checkpoints").latest() == 2
+        assert not (folder / "dropped.json").exists()
+        assert imitate(folder, tiny, "--on-nan", "skip") == 0
+    why = "value_loss became nan at iteration 4 of eairl-sa in pendulum"
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "going on from iteration 2" in printed
+    assert f"eairl-sa: mean of 1 of 2 seeds; dropped: seed 1 ({why})" in printed
+    summary, whole = (json.loads((path / "summary.json").read_text()) for path in (folder, finished))
+    assert summary["seeds"] == [0]
+    assert summary["returns"] == whole["returns"][:1]
+    assert summary["mean"] == whole["returns"][0]
+    reason = {"training": "eairl-sa in pendulum", "quantity": "value_loss", "iteration": 4, "value": "nan"}
+    assert summary["dropped"] == [{"seed": 1, **reason}]
+    assert load_reward(folder / "reward").description["seeds"] == [0]
+    assert policies.load(folder).seeds == load_policy(folder / "policy").description["seeds"] == [0]
+    lines, wanted = metrics_lines(folder), metrics_lines(finished)
+    assert lines[:-1] == wanted[:-1]  # the last line is the one that is not finite
+    assert lines[-1]["iteration"] == "4"
+    assert lines[-1]["value_loss"] == lines[-1]["true_return"] == "nan"
+    assert imitate(folder, tiny) == 0  # read again
+    assert f"dropped: seed 1 ({why})" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_run_that_goes_on_knows_which_seeds_were_dropped(finished, tmp_path, tiny, monkeypatch, capsys, imitate):
+    """NaN in the state alone, in the first chunk; then the run is killed, and goes on without the NaN."""
+
+    def killed(*_arguments):
+        raise KeyboardInterrupt
+
+    folder, metrics = tmp_path / "nan", RunFolder.append_metrics
+    with monkeypatch.context() as patch:
+        poison(patch, of_chunk=1, in_state=True)
+        patch.setattr(
+            RunFolder, "append_metrics", lambda self, done, *more: killed() if done else metrics(self, done, *more)
+        )
+        assert imitate(folder, tiny, "--on-nan", "skip") == 130
+    assert imitate(folder, tiny) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert (
+        "dropped: seed 1 (agent/policy/nets/params/actor/params/MLP_0/Dense_0/kernel became nan at iteration 2"
+        in printed
+    )
+    summary, whole = (json.loads((path / "summary.json").read_text()) for path in (folder, finished))
+    assert (summary["seeds"], summary["returns"]) == ([0], whole["returns"][:1])
+
+
+def test_a_disk_that_fails_is_reported_and_nothing_is_lost(finished, tmp_path, tiny, monkeypatch, capsys, imitate):
+    """A used-up quota (a full disk is alike), and a removed folder: one message that says where, and what to do."""
+    folder, reserve, run_lanes = tmp_path / "other", checkpoint.reserve, Lanes.run
+
+    def at_the_second_checkpoint(path, size):
+        if (path / "2").exists():
+            raise OSError(errno.EDQUOT, os.strerror(errno.EDQUOT), str(path))
+        reserve(path, size)
 
     with monkeypatch.context() as patch:
-        patch.setattr(RunFolder, "append_metrics", full)
-        assert imitate(tmp_path / "run", tiny) == 2
-    assert "No space left" in capsys.readouterr().err
-    assert imitate(tmp_path / "run", tiny) == 0
+        patch.setattr(checkpoint, "reserve", at_the_second_checkpoint)
+        assert imitate(folder, tiny) == 2
+    message = capsys.readouterr().err
+    assert f"quota exceeded ({folder / 'checkpoints'})" in message
+    assert "free some disk, then repeat the command to go on" in message
+    assert imitate(folder, tiny) == 0
+    assert "going on from iteration 2" in capsys.readouterr().out
+    assert (folder / "metrics.csv").read_bytes() == (finished / "metrics.csv").read_bytes()
+
+    def removed(*arguments, **more):
+        shutil.rmtree(folder)
+        return run_lanes(*arguments, **more)
+
+    (folder / "summary.json").unlink()
+    shutil.rmtree(folder / "checkpoints" / "4")
+    with monkeypatch.context() as patch:
+        patch.setattr(Lanes, "run", removed)
+        assert imitate(folder, tiny) == 2
+    assert f"{folder} was removed" in capsys.readouterr().err
     (tmp_path / "file").write_text("")
     assert imitate(tmp_path / "file" / "run", tiny) == 2
     assert "cannot write" in capsys.readouterr().err
