@@ -37,7 +37,7 @@ def test_names_are_short_fit_for_a_file_and_different():
 def test_every_option_of_a_command_is_told_apart():
     for cls, needed in ((Imitate, {"task": "pendulum"}), (Transfer, MAZES)):
         for field in dataclasses.fields(cls):
-            if field.name in ("out", "reward", "tuned", "method", "reward_form", "rule", "track", *needed):
+            if field.name in ("out", "reward", "tuned", "method", "reward_form", "rule", "track", "on_nan", *needed):
                 continue
             changed = cls(**needed, **{field.name: ("x=1",) if field.name.endswith("set") else "other"})
             assert changed_options(changed), field.name
@@ -51,3 +51,8 @@ def test_a_run_that_an_earlier_version_began_goes_on_where_it_is(tmp_path, monke
     assert default_path(options, "imitate-pendulum", settings) == Path("runs/imitate-pendulum")
     assert default_path(options, "imitate-pendulum", {"seeds": [3]}) == Path("runs/imitate-pendulum-seeds=2")
     assert default_path(Imitate("pendulum"), "imitate-pendulum", {"seeds": [3]}) == Path("runs/imitate-pendulum")
+
+
+def test_what_happens_at_a_nan_makes_no_other_run():
+    """So a run that has stopped goes on with --on-nan skip, in its folder."""
+    assert not changed_options(Imitate("pendulum", on_nan="skip"))
