@@ -122,13 +122,13 @@ def watch_chunks(watch: Watch) -> None:
 
     compute = Lanes.run
 
-    def run(self: Lanes, state: Any, length: int) -> Any:
+    def run(self: Lanes, state: Any, length: int, check: bool = True) -> Any:
         known = sys._getframe(1).f_locals  # of `train.train`, or of `stages.planned`
         if "done" in known:
             watch.note("chunk", known["folder"].path, known["done"], length)
         else:
             watch.note("plan", known["inner"].path if "inner" in known else "", 0, 0)
-        return compute(self, state, length)
+        return compute(self, state, length, check)
 
     Lanes.run = run
 

@@ -21,7 +21,7 @@ from eairl_jax import (
     save_reward,
 )
 from eairl_jax.experiments.options import Transfer
-from eairl_jax.experiments.pipeline import run, stages
+from eairl_jax.experiments.pipeline import run, stages, train
 from eairl_jax.experiments.pipeline.experiment import Reference, Rule, Target, Use, make_target, transfers
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import (
@@ -141,7 +141,7 @@ def test_another_reward_at_the_same_place_is_another_run(tmp_path, monkeypatch, 
     target = make_target("point_maze_left")
     worthless = stages.Worth(np.zeros((1, 2)), {stages.RANDOM: np.zeros(2)})
     monkeypatch.setattr(stages, "score", lambda *_: Score(np.zeros((2, 4)), np.zeros(2), worthless))
-    monkeypatch.setattr(stages, "ceiling", lambda *_: [1.0, 1.0])
+    monkeypatch.setattr(stages, "ceiling", lambda *_: stages.Ceiling([1.0, 1.0], []))
     reward = describe(experiment, untrained(experiment), [0, 0])
     path = tmp_path / "run" / "reward"
     for _ in range(2):
@@ -296,10 +296,10 @@ def test_random_trials_go_on_before_others_and_of_either_kind_the_best(tmp_path,
 
 def test_what_pays_most_is_reached_though_it_is_far_and_the_true_reward_is_unknown(tmp_path, point, monkeypatch):
     target, reward = point
-    folder = RunFolder(tmp_path, {})
+    folder = RunFolder(tmp_path, {"seeds": list(SEEDS)})
     with pytest.raises(Diverged, match="seed 0 has a true return of nan"):  # it is no score
         score(folder, "point", target, reward, SEEDS)
-    monkeypatch.setattr(stages, "final_returns", lambda _env, _algorithm, _state, seeds: np.zeros((len(seeds), 1)))
+    monkeypatch.setattr(train, "final_returns", lambda _env, _algorithm, _state, seeds, **_: np.zeros((len(seeds), 1)))
     scored = score(folder, "point", target, reward, SEEDS)
     assert scored.curves.shape == (2, 6)
     learned = worth(folder).policies
@@ -340,9 +340,9 @@ def test_a_retraining_that_was_killed_goes_on_bit_for_bit(tmp_path, point, monke
 
     run_lanes, chunks = Lanes.run, []
 
-    def run_one_chunk(*arguments):
+    def run_one_chunk(*arguments, **more):
         chunks.append(0)
-        return run_lanes(*arguments) if len(chunks) == 1 else killed()
+        return run_lanes(*arguments, **more) if len(chunks) == 1 else killed()
 
     # Before the plans are made, after the trials, and in the middle of the rest.
     for module, name, instead in [
