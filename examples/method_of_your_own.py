@@ -55,7 +55,6 @@ if __name__ == "__main__":
         log_std_max=1.0,
     )
     keys = jax.random.split(jax.random.PRNGKey(0), 2)
-    # exp(h) is unbounded: a penalty on the classifier's slopes would keep the reward tame (gradient_penalty).
     lanes = eairl_jax.Lanes(eairl_jax.make_irl(env, config), keys, eairl_jax.HParams(), demos)
     state, metrics = lanes.run(lanes.init(), iterations)
     print("true return of the imitating policies:", metrics["true_return"][:, -1])

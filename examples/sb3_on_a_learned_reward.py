@@ -4,10 +4,8 @@
     python examples/sb3_on_a_learned_reward.py runs/sb3/transfer-pendulum-to-pendulum-eairl-separable-last/reward
 
 `eairl transfer` learns with settings for rewards that are used again; those of `eairl imitate` are for the policy. Each
-of three seeds takes about a minute for each reward. Needs `pip install "eairl-jax[sb3]"`. The settings of PPO are
-those that RL Baselines3 Zoo gives for this task, but for gamma and the scale of the rewards. The Zoo's gamma, 0.9,
-suits the true reward, which grows on every step of the way up. A learned reward need not. It was learned with gamma
-0.99.
+of three seeds takes about a minute for each reward. Needs `pip install "eairl-jax[sb3]"`. PPO has the settings of RL
+Baselines3 Zoo for this task, but for gamma (0.99, with which the reward was learned) and the scale of the rewards.
 """
 
 import sys

@@ -62,19 +62,19 @@ def retrain_settings():
     return list(RETRAIN_SETTINGS)
 
 
-def run_tiny(folder, command, settings):
+def run_tiny(folder, command, settings, *more):
     """Runs `eairl COMMAND pendulum` with two seeds and small evaluations, and returns its folder."""
     with pytest.MonkeyPatch.context() as patch:
         for name, size in SIZES.items():
             patch.setattr(name, size)
-        cli.main([command, "pendulum", "--seeds", "2", "--out", str(folder), "--set", *settings])
+        cli.main([command, "pendulum", "--seeds", "2", "--out", str(folder), *more, "--set", *settings])
     return folder
 
 
 @pytest.fixture(scope="session")
 def trained(tmp_path_factory):
     """The folder of a tiny `imitate`, for `finished` to copy: trained once a session."""
-    return run_tiny(tmp_path_factory.mktemp("trained") / "run", "imitate", TINY)
+    return run_tiny(tmp_path_factory.mktemp("trained") / "run", "imitate", TINY, "--track", "tensorboard")
 
 
 @pytest.fixture(scope="session")

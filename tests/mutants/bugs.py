@@ -437,6 +437,41 @@ LIBRARY = bugs_of(
         "eairl_jax/test_checkpoint.py",
         "experiments/pipeline/test_train.py::test_a_damaged_checkpoint_is_made_again",
     ),
+    (
+        "critic-prefers-the-policy",
+        "methods.py",
+        "return policy_logit.mean() - expert_logit.mean()",
+        "return expert_logit.mean() - policy_logit.mean()",
+        "eairl_jax/test_methods.py",
+    ),
+    (
+        "end-paid-without-discount",
+        "gymnasium.py",
+        "gamma / (1.0 - gamma) * self._reward.after_end()",
+        "1.0 / (1.0 - gamma) * self._reward.after_end()",
+        "eairl_jax/test_gymnasium.py",
+    ),
+    (
+        "paid-by-the-observation-after",
+        "gymnasium.py",
+        "learned = float(self._pay(self._obs, action, terminated))",
+        "learned = float(self._pay(obs, action, terminated))",
+        "eairl_jax/test_gymnasium.py",
+    ),
+    (
+        "exported-reward-not-clipped",
+        "saved_reward.py",
+        "action if limit is None else jnp.clip(action, -limit, limit)",
+        "action",
+        "eairl_jax/test_exported.py",
+    ),
+    (
+        "numpy-policy-of-another-std",
+        "numpy_nets.py",
+        "action = action + std * rng",
+        "action = action + std**2 * rng",
+        "eairl_jax/test_saved_policy.py",
+    ),
 )
 
 FAST_STEPS = "envs/test_locomotion.py::test_fast_steps_are_the_c_engines_on_the_same_model"
@@ -689,6 +724,20 @@ PIPELINE = bugs_of(
         'kind = "fixed"  # the',
         "kind = kind  # the",
         "experiments/pipeline/test_stages.py::test_policies_are_trained_with_the_horizon_that_the_reward_knows",
+    ),
+    (
+        "tracked-twice-after-a-kill",
+        "trackers.py",
+        "first, now = training.done * training.steps + 1, time.time()",
+        "first, now = (training.done + 3) * training.steps + 1, time.time()",
+        "experiments/pipeline/test_trackers.py",
+    ),
+    (
+        "folder-of-another-run",
+        "default_folder.py",
+        "if not changed or _is_run(plain, settings):",
+        "if not changed or plain.exists():",
+        "experiments/pipeline/test_default_folder.py",
     ),
 )
 

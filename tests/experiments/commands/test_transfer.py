@@ -38,10 +38,26 @@ def test_transfer_scores_a_chosen_reward(tmp_path, tiny, capsys, run, retrain_se
     (folder,) = (tmp_path / "again").glob("reuse-*")
     reused = json.loads((folder / "summary.json").read_text())
     assert reused["returns"] == summary["returns"]
-    # A seed that was dropped while its reward was learned has no part in anything that follows.
+
+
+ARTEFACTS = {"reward": load_reward, "policy": load_policy}
+
+
+def printed(capsys):
+    return " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.slow
+def test_a_seed_that_was_dropped_in_learning_has_no_part_in_what_follows(tmp_path, tiny, capsys, run, retrain_settings):
+    arguments = ["transfer", "point_maze_left", "point_maze_right", "--reward-form", "separable", "--seeds", 2]
+    settings, figures = ["--set", *tiny, "--retrain-set", *retrain_settings], tmp_path / "figures.json"
+    assert run(*arguments, "--rule", "last", "--out", tmp_path / "run", *settings) == 0
+    (folder,), (learned,) = ((tmp_path / "run").glob(f"{name}-*") for name in ("transfer", "learn"))
+    summary = json.loads((folder / "summary.json").read_text())
+    assert run("evaluate", folder, "--episodes", 2, "--json", figures) == 0
+    returns = json.loads(figures.read_text())["returns"]
     reason = {"training": "learning", "quantity": "accuracy", "iteration": 2, "value": "nan"}
     (learned / "dropped.json").write_text(json.dumps({"dropped": [{"seed": 0} | reason]}))
-    (folder,) = (tmp_path / "run").glob("transfer-*")
     for path in (learned / "summary.json", folder / "summary.json", folder / "policy" / "policy.json"):
         path.unlink()
     capsys.readouterr()
@@ -56,13 +72,6 @@ def test_transfer_scores_a_chosen_reward(tmp_path, tiny, capsys, run, retrain_se
     assert [load(folder / name).description["seeds"] for name, load in ARTEFACTS.items()] == [[1], [1]]
     assert run("evaluate", folder, "--episodes", 2, "--json", figures) == 0
     np.testing.assert_allclose(json.loads(figures.read_text())["returns"]["MJX"], returns["MJX"][1:], rtol=1e-5)
-
-
-ARTEFACTS = {"reward": load_reward, "policy": load_policy}
-
-
-def printed(capsys):
-    return " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.slow
