@@ -23,7 +23,7 @@ def test_a_sweep_is_its_single_runs_side_by_side(tmp_path, tiny, capsys, run, im
     curves, returns = {}, []
     for point, of_seeds in zip(points, by_point, strict=True):
         curves[point] = [r for r in swept if (float(r["lambda_i"]), float(r["gradient_penalty"])) == point]
-        if point[1]:
+        if point != points[2]:  # each single run is compiled for itself: one is enough
             continue
         single = tmp_path / f"single {point}"
         assert imitate(single, [*tiny, f"lambda_i={point[0]}"]) == 0

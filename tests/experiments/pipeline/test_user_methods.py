@@ -30,7 +30,6 @@ def test_a_critic_of_a_users_file_learns_a_reward_that_needs_no_file(tmp_path, m
     assert run(*command, "gradient_penalty=10", "--out", tmp_path / "run") == 0
     assert "losses-critic-sa" in capsys.readouterr().out
     assert np.isfinite(json.loads((tmp_path / "run" / "summary.json").read_text())["returns"]).all()
-    assert run("evaluate", tmp_path / "run", "--episodes", 2) == 0
     del METHODS["losses.py:critic"]
     (folder / "losses.py").unlink()
     reward = load_reward(tmp_path / "run" / "reward")
