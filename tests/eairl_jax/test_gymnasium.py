@@ -63,11 +63,14 @@ def test_a_step_is_paid_by_its_observation_before_and_its_action():
 
 
 @pytest.mark.parametrize(
-    "given", [ABSORBING, str(ABSORBING), load_reward, numpy_nets.load_reward], ids=["path", "text", "jax", "NumPy"]
+    "given",
+    [ABSORBING, str(ABSORBING), load_reward, lambda folder: numpy_nets.load_reward(folder, 1)],
+    ids=["path", "text", "jax", "NumPy"],
 )
 def test_an_end_is_paid_what_the_absorbing_state_is_worth(given):
-    reward = numpy_nets.load_reward(ABSORBING)
-    env = LearnedReward(Counter(), given(ABSORBING) if callable(given) else given, gamma=0.9)
+    reward = numpy_nets.load_reward(ABSORBING, 1)
+    assert abs(reward.after_end()) > 0.01
+    env = LearnedReward(Counter(), given(ABSORBING) if callable(given) else given, 1, gamma=0.9)
     env.reset(seed=0)
     action = np.zeros(2, np.float32)
     paid = [env.step(action)[1] for _ in range(END)]
