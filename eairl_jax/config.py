@@ -36,7 +36,8 @@ class Config:
     """Time limit of an episode, in environment steps; 0 for the task's own (`env.episode_length`)."""
     horizon: str = "default"
     """How learning treats an episode that the task ends. "fixed": the simulation goes on until the time limit.
-    "absorbing": an absorbing state follows until the time limit, for expert and policy alike (Kostrikov et al. 2019).
+    "absorbing": an absorbing state follows, for expert and policy alike (Kostrikov et al. 2019). One step there stands
+    for all; a policy is paid reward / (1 - gamma) for it. Methods of whole trajectories see all steps until the limit.
     "variable": the episode ends, and the sign of the reward decides how long a policy wants to live. "default" is
     "variable" for the true reward; for a learned reward it is "absorbing", or "fixed" where no episode can end."""
     iterations: int = 100

@@ -85,7 +85,7 @@ def for_loss(
     config: Config,
 ) -> discriminator.Samples:
     """Samples for the discriminator's loss: log pi(a|s) is that of the current policy `pi`, Phi(s') is Phi'(s')."""
-    x = agent.normalize_obs(acting, raw)
+    x = horizon.without_ends(agent.normalize_obs(acting, raw), config)
     action_pi = pi(x.obs)
     if x.action is None:  # a method that needs no actions of the expert reads neither of the two
         x = x._replace(action=jnp.zeros_like(action_pi.mean))
@@ -104,7 +104,7 @@ def for_policy_reward(
     config: Config,
 ) -> discriminator.Samples:
     """Samples for the policy's reward: log pi(a|s) as stored, Phi(s') as `config.policy_phi` says."""
-    x = agent.normalize_obs(acting, raw)
+    x = horizon.without_ends(agent.normalize_obs(acting, raw), config)
     next_params = None
     if emp:
         next_params = emp.phi.params if config.policy_phi == "online" else emp.phi_target

@@ -6,8 +6,10 @@ while the discriminator wins, so a policy learns to end its episodes at once. Tw
 
 - "fixed": every episode lasts until the time limit. The simulation goes on after the end, and what happens then is
   learned like everything before.
-- "absorbing": after the end, policy and expert are in one absorbing state until the time limit (Kostrikov et al. 2019).
-  The reward learns what this state is worth. Observations have one more entry: 1 in the absorbing state, 0 elsewhere.
+- "absorbing": after the end, policy and expert are in one absorbing state (Kostrikov et al. 2019). The reward learns
+  what this state is worth. Observations have one more entry: 1 in the absorbing state, 0 elsewhere. All absorbing steps
+  are alike, so the data of learning holds one for each end, and `rest_paid` pays the policy for the others. Where whole
+  trajectories are discriminated or planned, the absorbing steps fill the time limit (`is_whole`).
 
 "variable" leaves the episodes as they are. Reinforcement learning on a task's true reward needs it: the sign of that
 reward belongs to the task. The true return counts the true rewards up to the end of the episode, in all three.
@@ -17,7 +19,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -26,7 +28,9 @@ from flax import struct
 from eairl_jax import normalize
 from eairl_jax.config import Config
 from eairl_jax.errors import InputError
-from eairl_jax.types import Demonstrations, Env, Key, PyTree
+from eairl_jax.types import Demonstrations, Env, HParams, Key, PyTree, Transition
+
+Steps = TypeVar("Steps", Transition, Demonstrations)
 
 ADVICE = (
     "choose --horizon absorbing (after its end an episode stays in one absorbing state until the time limit) or "
@@ -81,13 +85,13 @@ def warn_if_variable(env: Env, config: Config) -> None:
 
 @struct.dataclass
 class HorizonState:
-    """The state of an environment whose episodes last until the time limit.
+    """The state of an environment whose episodes go on after their end.
 
     Attributes:
       inner: the state of the task's own environment.
       obs: `[obs]`, or `[obs + 1]` with the absorbing state.
       reward: `[]` the true reward; 0 after the end of the episode.
-      done: `[]` always 0.
+      done: `[]` 1 after the only step in the absorbing state, if it stands for all; else 0.
       ended: `[]` 1 once the task has ended the episode.
     """
 
@@ -99,17 +103,18 @@ class HorizonState:
 
 
 class FixedHorizon:
-    """An environment that never ends an episode. Everything else is as in the task's own environment.
+    """An environment that ends no episode where the task ends it. Everything else is as in the task's own environment.
 
     Args:
       env: the task's own environment.
-      absorbing: whether an episode stays in the absorbing state after its end. If not, its simulation goes on.
+      absorbing: whether an episode is in the absorbing state after its end. If not, its simulation goes on.
+      whole: whether every episode lasts until the time limit. If not, one step in the absorbing state stands for all.
     """
 
     ends = False
 
-    def __init__(self, env: Env, absorbing: bool):
-        self._env, self._absorbing = env, absorbing
+    def __init__(self, env: Env, absorbing: bool, whole: bool = True):
+        self._env, self._absorbing, self._whole = env, absorbing, whole
         self.observation_size = normalize.flat_size(env) + absorbing
         self.action_size = env.action_size
 
@@ -121,23 +126,33 @@ class FixedHorizon:
         return (*value, added[name]) if self._absorbing and name in added else value
 
     def reset(self, rng: Key) -> HorizonState:
-        return self._state(self._env.reset(rng), jnp.zeros(()), jnp.zeros(()))
+        return self._state(self._env.reset(rng), *jnp.zeros(3))
 
     def step(self, state: HorizonState, action: jax.Array) -> HorizonState:
         inner = self._env.step(state.inner, action)
         reward = jnp.where(state.ended > 0, 0.0, inner.reward)
-        return self._state(inner, reward, jnp.where(state.ended > 0, 1.0, inner.done.astype(jnp.float32)))
+        ended = jnp.where(state.ended > 0, 1.0, inner.done.astype(jnp.float32))
+        return self._state(inner, reward, jnp.zeros(()) if self._whole else state.ended, ended)
 
-    def _state(self, inner: Any, reward: jax.Array, ended: jax.Array) -> HorizonState:
+    def _state(self, inner: Any, reward: jax.Array, done: jax.Array, ended: jax.Array) -> HorizonState:
         obs = absorb(inner.obs, ended) if self._absorbing else inner.obs
-        return HorizonState(inner, obs, reward, jnp.zeros(()), ended)
+        return HorizonState(inner, obs, reward, done, ended)
 
 
-def learning_env(env: Env, config: Config) -> Env:
-    """The environment in which a policy learns, as `config.horizon` says; `env` itself if its episodes never end."""
+def learning_env(env: Env, config: Config, whole: bool = False) -> Env:
+    """The environment in which a policy learns, as `config.horizon` says; `env` itself if its episodes never end.
+
+    Args:
+      whole: whether an episode must last until the time limit, whatever `config` says.
+    """
     if config.horizon == "absorbing":
-        return FixedHorizon(env, absorbing=True)
+        return FixedHorizon(env, absorbing=True, whole=whole or is_whole(config))
     return FixedHorizon(env, absorbing=False) if config.horizon == "fixed" and can_end(env) else env
+
+
+def is_whole(config: Config) -> bool:
+    """Whether learning sees all absorbing steps until the time limit, and not one that stands for all."""
+    return config.discriminates == "trajectories"
 
 
 def absorb(obs: jax.Array, ended: jax.Array) -> jax.Array:
@@ -163,6 +178,26 @@ def alive(obs: jax.Array, config: Config) -> jax.Array | float:
 def executed(obs: jax.Array, action: jax.Array, config: Config) -> jax.Array:
     """Actions `[..., act]` as the reward reads them: 0 in the absorbing state, where an action has no effect."""
     return action * (1.0 - obs[..., -1:]) if config.horizon == "absorbing" else action
+
+
+def without_ends(steps: Steps, config: Config) -> Steps:
+    """Steps as the reward reads them: after an end the absorbing state follows, so no step is a termination."""
+    return steps._replace(terminated=0.0 * steps.terminated) if config.horizon == "absorbing" else steps
+
+
+def rest_paid(reward: jax.Array, obs: jax.Array, hparams: HParams, config: Config) -> jax.Array:
+    """Rewards `[...]`; that of an absorbing step r becomes `r + gamma r + gamma^2 r + ... = r / (1 - gamma)`.
+
+    A policy is thus paid for all absorbing steps in the one that its data holds. This is also the value that an endless
+    stay has where the time limit truncates an episode. With gamma = 1 the stay is worth `config.episode_length` steps.
+
+    Args:
+      obs: raw observations `[..., obs]`.
+    """
+    if config.horizon != "absorbing" or is_whole(config):
+        return reward
+    stay = jnp.where(hparams.gamma < 1.0, 1.0 / jnp.maximum(1.0 - hparams.gamma, 1e-12), config.episode_length)
+    return reward * jnp.where(alive(obs, config) > 0, 1.0, stay)
 
 
 def update_stats(stats: normalize.ObsStats, obs: jax.Array, config: Config) -> normalize.ObsStats:
@@ -207,12 +242,16 @@ def take_steps(demos: Demonstrations, index: jax.Array, config: Config) -> Demon
 
 
 def learned_lengths(demos: Demonstrations, config: Config) -> jax.Array:
-    """Steps of each episode `[E]` as learning takes them: with "absorbing" those that the task ended go on."""
-    if config.horizon != "absorbing":
-        return jnp.asarray(demos.lengths)
+    """Steps of each episode `[E]` as learning takes them: with "absorbing" those that the task ended go on.
+
+    They go on as those of the policy do: by one step that stands for all, or until the time limit (`is_whole`).
+    """
     lengths = jnp.asarray(demos.lengths)
+    if config.horizon != "absorbing":
+        return lengths
     has_ended = jnp.asarray(demos.terminated)[jnp.cumsum(lengths) - 1] > 0
-    return jnp.where(has_ended, jnp.maximum(lengths, config.episode_length), lengths)
+    left = jnp.maximum(config.episode_length - lengths, 0)
+    return lengths + has_ended * (left if is_whole(config) else jnp.minimum(left, 1))
 
 
 def _place(demos: Demonstrations, index: jax.Array, config: Config) -> _Place:

@@ -124,9 +124,9 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         # Update the policy (theta) by PPO or TRPO on the updated reward and on lambda_I l_I.
         samples = discriminator_data.for_policy_reward(raw, emp, acting, hparams, config)
         tau = tau._replace(reward=discriminator.policy_reward(d.params, samples, hparams, config))
-        l_i_key = jax.random.fold_in(pi_key, 1)
-        tau, penalty, penalty_data = empowerment.with_l_i(l_i_key, tau, pi, emp, hparams, config, limit)
-        policy, pi_metrics = optimizer.update(pi_key, acting.policy, tau, penalty, penalty_data, hparams)
+        tau, *cost = empowerment.with_l_i(jax.random.fold_in(pi_key, 1), tau, pi, emp, hparams, config, limit)
+        paid = tau._replace(reward=horizon.rest_paid(tau.reward, raw.obs, hparams, config))
+        policy, pi_metrics = optimizer.update(pi_key, acting.policy, paid, *cost, hparams)
 
         # Every n iterations: copy the empowerment into the target empowerment Phi' (varphi').
         acting = agent.end_iteration(acting, policy, raw, config)

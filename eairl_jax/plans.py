@@ -221,7 +221,7 @@ def make_planner(env: Env, config: Config, count: int, search: Search, reward: R
       InputError: if the environment's observations are not flat vectors.
     """
     config = horizon.resolved(env, config, "variable")
-    policies, env = make_rl(env, config, reward), horizon.learning_env(env, config)
+    policies, env = make_rl(env, config, reward), horizon.learning_env(env, config, whole=True)
     optimizer = make_optimizer(env, config)
 
     def init(key: Key, hparams: HParams) -> RLState:

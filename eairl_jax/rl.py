@@ -62,7 +62,8 @@ def make_rl(env: Env, config: Config, reward: Reward = true_reward) -> Algorithm
         acting, raw = agent.collect(rollout_key, state.agent, env, optimizer, config)
         rewards = reward(data, raw)
         log_prob = raw.log_prob * horizon.alive(raw.obs, config)
-        batch = agent.normalize_obs(acting, raw)._replace(reward=rewards - hparams.temperature * log_prob)
+        paid = horizon.rest_paid(rewards - hparams.temperature * log_prob, raw.obs, hparams, config)
+        batch = agent.normalize_obs(acting, raw)._replace(reward=paid)
         policy, metrics = optimizer.update(update_key, acting.policy, batch, no_penalty, (), hparams)
         metrics |= {"true_return": acting.rollout.mean_return, "policy_reward": rewards.mean()}
         return RLState(key, agent.end_iteration(acting, policy, raw, config)), metrics

@@ -72,7 +72,7 @@ Horizon = Annotated[
     Literal["fixed", "absorbing", "variable"] | None,
     explained(
         help="What follows when the task ends an episode, while learning. fixed: the simulation goes on until the time "
-        "limit. absorbing: an absorbing state until the time limit, for expert and policy. variable: nothing; the sign "
+        "limit. absorbing: an absorbing state, for expert and policy. variable: nothing; the sign "
         "of the reward then decides how long a policy wants to live. Default: absorbing. Without effect in tasks that "
         "never end an episode."
     ),

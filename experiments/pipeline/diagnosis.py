@@ -265,7 +265,7 @@ def _clones(training: Training, fresh: PyTree) -> PyTree:
 
 def _best_plan(training: Training) -> Behaviour:
     """For each reward the plan that it pays most for, of the same random plans."""
-    env, count = horizon.learning_env(training.target.env, training.config), JUDGED_EPISODES * 16
+    env, count = horizon.learning_env(training.target.env, training.config, whole=True), JUDGED_EPISODES * 16
     length = training.target.env.episode_length
 
     @jax.jit

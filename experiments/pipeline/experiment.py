@@ -58,7 +58,7 @@ RETRAINING = ("restarts", *sorted(TRIALS))
 # What a user is told of the horizon where the task may end an episode.
 HORIZONS = {
     "fixed": "While learning, its simulation then goes on until the time limit (--horizon fixed)",
-    "absorbing": "While learning, an absorbing state then follows until the time limit (--horizon absorbing)",
+    "absorbing": "While learning, an absorbing state then follows (--horizon absorbing)",
     "variable": "WARNING: with --horizon variable the sign of the reward decides how long a policy wants to live, "
     "whatever is demonstrated; compare with --horizon absorbing",
 }

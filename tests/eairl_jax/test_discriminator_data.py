@@ -33,7 +33,7 @@ def test_in_the_absorbing_state_the_discriminator_sees_no_action_and_no_log_pi(t
     ended = np.zeros((6, 4), np.float32)
     ended[3:, :2] = 1.0
     raw = raw._replace(obs=horizon.absorb(jnp.asarray(raw.obs), jnp.asarray(ended)))
-    raw = raw._replace(next_obs=raw.obs)
+    raw = raw._replace(next_obs=raw.obs, terminated=ended)
     acting = SimpleNamespace(obs_stats=ObsStats(jnp.zeros(5), jnp.ones(5), jnp.zeros(())))
     narrow = Gaussian(jnp.zeros((6, 4, 2)), jnp.full((6, 4, 2), -1.0))
     for samples, log_prob in (
@@ -42,3 +42,4 @@ def test_in_the_absorbing_state_the_discriminator_sees_no_action_and_no_log_pi(t
     ):
         np.testing.assert_allclose(samples.log_prob, np.where(ended > 0, 0.0, log_prob), rtol=1e-6)
         np.testing.assert_array_equal(samples.action, np.where(ended[..., None] > 0, 0.0, raw.action))
+        assert not samples.terminated.any()  # the shaping of the absorbing state is that of a state which goes on

@@ -42,7 +42,7 @@ def episodes(*lengths, terminated=True):
 @pytest.mark.parametrize(("kind", "rewards", "ended"), [("fixed", 3, 0), ("absorbing", 3, 3)])
 def test_an_episode_lasts_until_the_time_limit_and_pays_until_its_end(toy, kind, rewards, ended):
     """The toy ends after three steps. With "fixed" the simulation goes on, with "absorbing" it does not."""
-    env = horizon.learning_env(toy(ends_at=3), config(kind))
+    env = horizon.learning_env(toy(ends_at=3), config(kind), whole=True)
     size = 5 if kind == "absorbing" else 4
     assert env.observation_size == size
     state, seen, paid = env.reset(jax.random.PRNGKey(0)), [], []
@@ -58,6 +58,23 @@ def test_an_episode_lasts_until_the_time_limit_and_pays_until_its_end(toy, kind,
         assert not np.stack(seen[3:])[:, :-1].any()
 
 
+def test_one_absorbing_step_stands_for_all_and_is_paid_for_all(toy):
+    """The toy ends after three steps. The fourth is the absorbing one, and the next episode may begin."""
+    cfg = config("absorbing")
+    env, seen = horizon.learning_env(toy(ends_at=3), cfg), []
+    state = env.reset(jax.random.PRNGKey(0))
+    for _ in range(4):
+        before, state = state, env.step(state, jnp.zeros(2))
+        seen.append((float(before.obs[-1]), float(state.obs[-1]), float(state.done)))
+    assert seen == [(0, 0, 0), (0, 0, 0), (0, 1, 0), (1, 1, 1)]
+    obs = jnp.stack([before.obs, jnp.zeros(5)])
+    for gamma, stay in ((0.9, 10.0), (0.0, 1.0), (1.0, 6.0)):
+        paid = horizon.rest_paid(jnp.array([2.0, 3.0]), obs, HParams(gamma=gamma), cfg)
+        np.testing.assert_allclose(paid, [2.0 * stay, 3.0], rtol=1e-5)
+    for other in (config("variable"), config("absorbing", discriminates="trajectories")):
+        assert (horizon.rest_paid(jnp.array([2.0, 3.0]), obs, HParams(), other) == jnp.array([2.0, 3.0])).all()
+
+
 def test_where_episodes_never_end_or_may_vary_the_environment_is_the_tasks_own(toy):
     never, ends = toy(), toy(ends_at=3)
     assert horizon.learning_env(never, config("fixed")) is never
@@ -65,16 +82,24 @@ def test_where_episodes_never_end_or_may_vary_the_environment_is_the_tasks_own(t
 
 
 @settings(max_examples=20)
-@given(st.lists(st.integers(1, 6), min_size=1, max_size=4), st.booleans())
-def test_absorbing_steps_of_the_expert_fill_the_time_limit(lengths, terminated):
-    """Every step of every episode is drawn from one row, the last entry says which rows are after an end."""
-    demos, cfg = episodes(*lengths, terminated=terminated), config("absorbing")
+@given(
+    st.lists(st.integers(1, 6), min_size=1, max_size=4),
+    st.booleans(),
+    st.sampled_from(["transitions", "trajectories"]),
+)
+def test_absorbing_steps_of_the_expert_are_those_of_the_policy(lengths, terminated, discriminates):
+    """Every step of every episode is drawn from one row, the last entry says which rows are after an end.
+
+    Where trajectories are discriminated they fill the time limit. Else there is one, if time is left for it.
+    """
+    demos, cfg = episodes(*lengths, terminated=terminated), config("absorbing", discriminates=discriminates)
     count = int(horizon.step_count(demos, cfg))
-    assert count == (6 * len(lengths) if terminated else sum(lengths))
+    learned = [(6 if discriminates == "trajectories" else min(n + 1, 6)) if terminated else n for n in lengths]
+    assert count == sum(learned)
     taken = horizon.take_steps(demos, jnp.arange(count), cfg)
     rows = []  # (obs, action, next_obs), by a loop
-    for n in lengths:
-        for t in range(6 if terminated else n):
+    for n, steps in zip(lengths, learned, strict=True):
+        for t in range(steps):
             gone, next_gone = t >= n, terminated and t >= n - 1
             obs = [0, 0, 1] if gone else [t + 1, 10 * (t + 1), 0]
             next_obs = [0, 0, 1] if next_gone else [t + 2, 10 * (t + 2), 0]
@@ -93,7 +118,7 @@ def test_other_horizons_take_the_steps_as_they_are(kind):
 
 def test_judged_episodes_are_seen_as_in_learning():
     """The reward of whole episodes counts the absorbing steps, as the demonstrations of learning do."""
-    demos, cfg = episodes(2, 6), config("absorbing")
+    demos, cfg = episodes(2, 6), config("absorbing", discriminates="trajectories")
     seen = horizon.extended(demonstrations.to_steps(demos, 6), cfg)
     taken = horizon.take_steps(demos, jnp.arange(12), cfg)
     np.testing.assert_array_equal(np.asarray(seen["obs"]).reshape(12, 3), taken.obs)

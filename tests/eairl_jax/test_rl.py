@@ -57,13 +57,14 @@ def test_observations_that_are_not_flat_are_refused(toy, tiny):
         make_rl(env, tiny()).init(jax.random.PRNGKey(0), HParams())
 
 
-def test_the_temperature_has_no_effect_in_the_absorbing_state(toy, tiny, monkeypatch):
-    """The reward is 1 there and 0 elsewhere; `-temperature log pi` is added elsewhere alone."""
+def test_an_end_is_paid_for_all_absorbing_steps_and_the_temperature_for_none(toy, tiny, monkeypatch):
+    """The reward is 1 there, so an endless stay is worth 1 / (1 - 0.99); `-temperature log pi` is added elsewhere."""
     make = rl.make_optimizer
 
     def recording(env, config):
         def update(_key, policy, batch, *_more):
-            return policy, {"reward": batch.reward, "log_prob": batch.log_prob, "absorbed": batch.obs[..., -1]}
+            return policy, {"reward": batch.reward, "log_prob": batch.log_prob, "absorbed": batch.obs[..., -1],
+                            "terminated": batch.terminated}  # fmt: skip
 
         return make(env, config)._replace(update=update)
 
@@ -73,5 +74,6 @@ def test_the_temperature_has_no_effect_in_the_absorbing_state(toy, tiny, monkeyp
     hparams = HParams(temperature=0.7)
     _, seen = jax.jit(algorithm.step)(algorithm.init(jax.random.PRNGKey(0), hparams), hparams, ())
     assert 0 < seen["absorbed"].mean() < 1
-    expected = np.where(seen["absorbed"] > 0, 1.0, -0.7 * seen["log_prob"])
+    expected = np.where(seen["absorbed"] > 0, 100.0, -0.7 * seen["log_prob"])
     np.testing.assert_allclose(seen["reward"], expected, rtol=1e-5)
+    np.testing.assert_array_equal(seen["terminated"], seen["absorbed"])

@@ -285,7 +285,7 @@ LIBRARY = bugs_of(
         "horizon.py",
         "has_ended & (t >= length - 1)",
         "has_ended & (t >= length)",
-        "eairl_jax/test_horizon.py::test_absorbing_steps_of_the_expert_fill_the_time_limit",
+        "eairl_jax/test_horizon.py::test_absorbing_steps_of_the_expert_are_those_of_the_policy",
     ),
     (
         "the-dead-are-paid",
@@ -293,6 +293,20 @@ LIBRARY = bugs_of(
         "reward = jnp.where(state.ended > 0, 0.0, inner.reward)",
         "reward = inner.reward",
         "eairl_jax/test_horizon.py",
+    ),
+    (
+        "one-absorbing-step-is-paid-as-one",
+        "horizon.py",
+        "return reward * jnp.where(alive(obs, config) > 0, 1.0, stay)",
+        "return reward",
+        "eairl_jax/test_rl.py::test_an_end_is_paid_for_all_absorbing_steps_and_the_temperature_for_none",
+    ),
+    (
+        "the-shaping-ends-in-the-absorbing-state",
+        "horizon.py",
+        "return steps._replace(terminated=0.0 * steps.terminated) if",
+        "return steps if",
+        "eairl_jax/test_discriminator_data.py",
     ),
     (
         "statistics-of-the-absorbing-state",
@@ -398,7 +412,7 @@ LIBRARY = bugs_of(
         "rl.py",
         "raw.log_prob * horizon.alive(raw.obs, config)",
         "raw.log_prob",
-        "eairl_jax/test_rl.py::test_the_temperature_has_no_effect_in_the_absorbing_state",
+        "eairl_jax/test_rl.py::test_an_end_is_paid_for_all_absorbing_steps_and_the_temperature_for_none",
     ),
     (
         "log-pi-in-the-absorbing-state",
