@@ -91,6 +91,20 @@ OnNan = Annotated[
         "is kept. skip: the seed is dropped and the others go on; the table and summary.json say which seed and why."
     ),
 ]
+More = Annotated[
+    int,
+    arg(
+        help="Train this many iterations beyond the planned end, at the final rates. A finished run goes on from its "
+        "last checkpoint; summary.json says so."
+    ),
+]
+MoreSeeds = Annotated[
+    int,
+    arg(
+        help="Train this many seeds beyond --seeds. A finished run keeps what it has; its table, reward and policy "
+        "then hold all seeds."
+    ),
+]
 Json = Annotated[Path | None, explained(metavar="FILE", help="Write all figures to this file as well.")]
 
 
@@ -118,6 +132,7 @@ class Expert:
     task: Task
     seeds: Seeds = 4
     optimizer: Optimizer = "ppo"
+    more: More = 0
     track: Track = ()
     on_nan: OnNan = "stop"
     out: Out = None
@@ -190,6 +205,8 @@ class Imitate:
     horizon: Horizon = None
     optimizer: Optimizer = "ppo"
     demos: Demos = None
+    more: More = 0
+    more_seeds: MoreSeeds = 0
     track: Track = ()
     on_nan: OnNan = "stop"
     out: Out = None
@@ -198,10 +215,12 @@ class Imitate:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Train one method with many values of its floats, all in one compiled program: one table and one figure.
+    """Train one method with many values of its settings: one table and one figure.
 
     A setting with a list of values is swept. Several such settings make a grid. For example
-    `eairl sweep pendulum --method eairl --set lambda_i=0,0.001,0.1,1 --seeds 5`.
+    `eairl sweep pendulum --method eairl --set lambda_i=0,0.001,0.1,1 --seeds 5`. All floats are trained side by side in
+    one compiled program. Names and whole numbers, such as activation=relu,tanh, need a program for each value. The
+    reward and the policies of each point are kept in points/.
     """
 
     task: Task

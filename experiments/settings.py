@@ -47,9 +47,21 @@ class Recipe:
     on_nan: str = "stop"
     """What happens when a value of a seed is no longer finite. "stop": the training stops. "skip": the seed is dropped,
     and the others go on."""
+    more: int = 0
+    """Iterations beyond `config.iterations`. Annealed rates keep their final values there."""
 
     def __post_init__(self):
         Range(included=False).check("random_std", self.random_std, type(self).random_std)
+
+    @property
+    def last_iteration(self) -> int:
+        """The iteration with which the training ends."""
+        return self.config.iterations + self.more
+
+    @property
+    def env_steps(self) -> int:
+        """Environment steps of one seed in the whole training."""
+        return self.config.steps_per_iteration * self.last_iteration
 
     def checked(self) -> Recipe:
         """The recipe with short trainings that are possible in its number of iterations.
@@ -153,6 +165,11 @@ def _check_training(recipe: Recipe) -> None:
         raise InputError(
             f"iterations = {iterations} is not a multiple of snapshot_every = {every}: "
             f"try --set snapshot_every={divisor(iterations, every)}"
+        )
+    if recipe.more < 0 or recipe.more % every:
+        near = max(every, recipe.more // every * every)
+        raise InputError(
+            f"--more {recipe.more}: expected a multiple of snapshot_every = {every}, for example --more {near}"
         )
     if recipe.restarts < 1:
         raise InputError(f"--restarts {recipe.restarts}: expected at least 1")

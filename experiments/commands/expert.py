@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
+import shutil
 
 import numpy as np
 
@@ -28,7 +29,7 @@ def run(options: Expert, command_line: str) -> None:
         raise InputError(f"--seeds {seeds}: expected at least 1")
     checked_seeds(seeds)
     overrides = parse_overrides((f"optimizer={options.optimizer}", *options.set))
-    training = recipe(task, env, "expert", overrides | {"on_nan": options.on_nan})
+    training = recipe(task, env, "expert", overrides | {"on_nan": options.on_nan, "more": options.more})
     refuse_unread([training.config], overrides, reinforcement=True)
     if TRIALS & set(overrides):
         raise InputError(
@@ -44,17 +45,20 @@ def run(options: Expert, command_line: str) -> None:
     explain_defaults(task)
     folder = RunFolder(options.out or RUNS / f"expert-{file_name(task)}", settings, options.track)
     summary = folder.summary(records.EXPERT)
-    if summary is None:
+    if summary is None or summary.get("more_iterations", 0) < options.more:
         folder.prepare()
         summary = {"command_line": command_line, "task": task} | _train(folder, env, training, seeds)
         returns = folder.curve("true_return", seeds)[divergence.kept_seeds(folder)]
         curve = Curve("true return", "", returns, training.config.steps_per_iteration)
         plot(folder.path / "curves.png", f"Experts of {task}", [curve])
+        shutil.rmtree(folder.path / "policy", ignore_errors=True)
         folder.write_summary(summary)
     if folder.is_writable():
         policies.keep(folder.path)
     figures = [published.figure(table, task, "expert") for table in (published.IMITATION, published.TRANSFER)]
+    further = summary.get("more_iterations", 0)
     note = divergence.note(summary.get("dropped", []), seeds)
+    note = "; ".join(filter(None, (note, f"{further} iterations beyond the plan" if further else "")))
     lines = [
         Line("sampled policy", np.array(summary["returns"]), next(filter(None, figures), None), note=note),
         Line("its mean action", np.array(summary["returns_mean_action"]), note=note),
@@ -75,7 +79,8 @@ def _train(folder: RunFolder, env, training: Recipe, seeds: int) -> dict:
     return {
         "seeds": kept.tolist(),
         **({"dropped": folder.dropped()} if folder.dropped() else {}),
-        "env_steps": training.config.env_steps,
+        "env_steps": training.env_steps,
+        **({"more_iterations": training.more} if training.more else {}),
         **folder.seconds(),
         "returns": returns.tolist(),
         "returns_mean_action": mean_action.tolist(),

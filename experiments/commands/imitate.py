@@ -27,11 +27,14 @@ def run(options: Imitate, command_line: str) -> None:
         warn_if_saturated(results[-1])
     task, reference = options.task, experiments[0].source.reference
     expert = published.figure(published.IMITATION, task, "expert")
-    lines = []
+    lines, count = [], options.seeds
     for result in results:
         figure = published.figure(published.IMITATION, task, result.method) if result.is_published else None
-        note = divergence.note(result.dropped, options.seeds)
+        count = max(options.seeds, len(result.seeds) + len({each["seed"] for each in result.dropped}))
+        further = f"{result.more_iterations} iterations beyond the plan, at the final rates"
+        note = divergence.note(result.dropped, count)
+        note = "; ".join(filter(None, (note, further if result.more_iterations else "")))
         lines.append(Line(result.name, np.array(result.returns), figure, result.normalized, note))
     lines = with_references(lines, reference.expert, reference.random, expert)
-    print_table(f"Imitation of {task}: true return of the sampled policy, {options.seeds} seeds", lines)
+    print_table(f"Imitation of {task}: true return of the sampled policy, {count} seeds", lines)
     say_if_no_expert(task, reference.expert)

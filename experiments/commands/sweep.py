@@ -1,31 +1,48 @@
-"""`eairl sweep`: one method with many values of its floats, all in one compiled program."""
+"""`eairl sweep`: one method with many values of its settings; all floats in one compiled program."""
 
 from __future__ import annotations
 
+from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.commands.saturation import warn_if_saturated
 from eairl_jax.experiments.display.console import Line, print_table, say, say_if_no_expert, with_references
 from eairl_jax.experiments.options import Sweep
 from eairl_jax.experiments.pipeline import divergence
 from eairl_jax.experiments.pipeline.default_folder import default_path
-from eairl_jax.experiments.pipeline.experiment import sweeps
-from eairl_jax.experiments.pipeline.run import point_name
+from eairl_jax.experiments.pipeline.experiment import Experiment, sweeps
+from eairl_jax.experiments.pipeline.run import Result, draw_sweeps, point_name
 from eairl_jax.experiments.pipeline.run import run as run_experiment
 
 
 def run(options: Sweep, command_line: str) -> None:
     """Trains every combination of the listed values with every seed, and prints one table."""
-    experiment = sweeps(options)
-    path = options.out or default_path(options, experiment.folder_name(), experiment.settings())
-    result = run_experiment(experiment, path, command_line)
-    warn_if_saturated(result)
+    experiments, done, lines = sweeps(options), [], []
+    first = experiments[0]
+    name = first.folder_name() if len(experiments) == 1 else f"sweep-{file_name(options.task)}-{options.method}"
+    out = options.out or default_path(options, name, first.settings())
+    for experiment in experiments:
+        path = out if len(experiments) == 1 else out / experiment.name
+        result = run_experiment(experiment, path, command_line)
+        warn_if_saturated(result)
+        done.append((experiment, path, result))
+        lines += _lines(experiment, result, options.seeds)
+    result = done[0][2]
+    if len(done) > 1:
+        draw_sweeps(out / "curves.png", f"{options.method} in {options.task}", done)
+    lines = with_references(lines, result.expert, result.random)
+    title = first.name if len(done) == 1 else options.method
+    print_table(f"{title} in {result.task}: true return, {options.seeds} seeds for each setting", lines)
+    say_if_no_expert(result.task, result.expert)
+    say(f"in {out}/; curves.png shows the settings side by side")
+
+
+def _lines(experiment: Experiment, result: Result, seeds: int) -> list[Line]:
+    """A line for each point that has a score; the others are said."""
     lines = []
     for point, returns in zip(result.points, result.returns_by_point, strict=True):
-        note = divergence.note([each for each in result.dropped if divergence.matches(each, point)], options.seeds)
+        note = divergence.note([each for each in result.dropped if divergence.matches(each, point)], seeds)
+        name = point_name(experiment, point)
         if len(returns):
-            lines.append(Line(point_name(point), returns, None, result.reference.normalized(returns.mean()), note))
+            lines.append(Line(name, returns, None, result.reference.normalized(returns.mean()), note))
         else:
-            say(f"{point_name(point)}: no score; {note}")
-    lines = with_references(lines, result.expert, result.random)
-    print_table(f"{result.name} in {result.task}: true return, {options.seeds} seeds for each setting", lines)
-    say_if_no_expert(result.task, result.expert)
-    say(f"in {path}/; curves.png shows the settings side by side")
+            say(f"{name}: no score; {note}")
+    return lines

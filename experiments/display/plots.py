@@ -119,8 +119,8 @@ def plot_sweep(
     title: str,
     names: Sequence[str],
     returns: Sequence[np.ndarray],
-    curves: np.ndarray,
-    steps_per_iteration: int,
+    curves: Sequence[np.ndarray],
+    steps_per_iteration: Sequence[int],
     expert: float | None,
 ) -> None:
     """Saves two panels that compare the settings of a sweep.
@@ -129,8 +129,9 @@ def plot_sweep(
       names: of the settings.
       returns: of each setting the final true returns `[seeds]`, without dropped seeds; the first panel shows each as a
         dot.
-      curves: true returns while learning, `[settings, seeds, iterations]`; the second panel shows means over seeds.
-      steps_per_iteration: environment steps of one seed in one iteration.
+      curves: of each setting the true returns while learning, `[seeds, iterations]`; the second panel shows means over
+        seeds.
+      steps_per_iteration: of each setting, environment steps of one seed in one iteration.
       expert: true return of the demonstrator, drawn as a horizontal line; None if it is unknown.
     """
     from matplotlib import colormaps
@@ -143,7 +144,7 @@ def plot_sweep(
             final.plot(np.full(len(returns[i]), i), returns[i], "o", color=color, alpha=0.6)
             final.plot([i - 0.2, i + 0.2], [returns[i].mean()] * 2, color=color, lw=2)
         values = np.ma.masked_invalid(curves[i]).mean(axis=0)
-        learning.plot((1 + np.arange(len(values))) * steps_per_iteration, values, color=color, label=names[i])
+        learning.plot((1 + np.arange(len(values))) * steps_per_iteration[i], values, color=color, label=names[i])
     final.set_xticks(range(len(names)), names, rotation=20, ha="right")
     final.set_title("final true return, a dot a seed")
     learning.set(title="true return while learning, mean over seeds", xlabel="environment steps of a seed")

@@ -11,7 +11,7 @@ import functools
 import itertools
 import math
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -234,8 +234,10 @@ class Experiment:
       variant: names the settings that differ from those of the method; empty if the experiment has the usual ones.
       is_changed: whether any setting of the method was changed (`BUDGET` apart).
       points: of a sweep, the values of the swept floats; every point is trained with every seed.
+      swept_names: of a sweep over settings that are no floats, their values here; `variant` has them too.
       use: of a transfer, where the reward is used.
       track: who is told of each chunk of the learning, and of the training on the reward (`trackers.tracked`).
+      more_seeds: of an imitation, how many seeds are trained after `seeds`, in folders of their own (`more_seeds`).
     """
 
     source: Source
@@ -246,6 +248,8 @@ class Experiment:
     points: tuple[dict[str, float], ...] = ()
     use: Use | None = None
     track: tuple[Track, ...] = ()
+    more_seeds: int = 0
+    swept_names: dict[str, Any] = field(default_factory=dict)
 
     @property
     def config(self) -> Config:
@@ -309,7 +313,7 @@ class Experiment:
         if self.use:
             return transfer_folder_name(self.source.task, self.use.target.task, self.name, str(self.use.rule))
         if self.points:
-            return f"sweep-{file_name(self.source.task)}-{self.name}-{'-'.join(self.points[0])}"
+            return "-".join(["sweep", file_name(self.source.task), self.name, *self.points[0]])
         return f"imitate-{file_name(self.source.task)}-{self.name}"
 
 
@@ -357,13 +361,20 @@ def transfers(options: Transfer) -> list[Experiment]:
     ]
 
 
-def sweeps(options: Sweep) -> Experiment:
-    """The experiment of `eairl sweep`: one method, one lane for each point of the grid and each seed.
+def sweeps(options: Sweep) -> list[Experiment]:
+    """The experiments of `eairl sweep`, one for each combination of the values that are no floats.
 
     Raises:
       InputError: if nothing is swept, or a point could not be trained.
     """
-    fixed, grid = split_grid(options.set)
+    fixed, names, floats = split_grid(options.set)
+    combinations = [dict(zip(names, values, strict=True)) for values in itertools.product(*names.values())]
+    return [_sweep(options, fixed, combination, floats) for combination in combinations]
+
+
+def _sweep(options: Sweep, fixed: tuple[str, ...], names: dict[str, str], grid: dict[str, list[float]]) -> Experiment:
+    """One program: one method, one lane for each point of the grid of floats and each seed."""
+    fixed = (*fixed, *(f"{name}={value}" for name, value in names.items()))
     # The largest value decides what has to be computed at all (a penalty of weight 0 is not).
     largest = tuple(f"{name}={max(values)}" for name, values in grid.items())
     request = Imitate(
@@ -384,38 +395,59 @@ def sweeps(options: Sweep) -> Experiment:
     overrides = {"method": options.method, "reward_form": options.reward_form} | parse_overrides(fixed)
     for point in points:  # an impossible point is refused before any point is trained
         recipe(options.task, experiment.source.env, "imitate", overrides | point)
-    return dataclasses.replace(experiment, points=points)
+    variant = "+".join(filter(None, (experiment.variant, *(f"{name}={value}" for name, value in names.items()))))
+    return dataclasses.replace(experiment, points=points, variant=variant, swept_names=names)
 
 
-def split_grid(assignments: tuple[str, ...]) -> tuple[tuple[str, ...], dict[str, list[float]]]:
-    """Separates `name=a,b,c` of floats, which are swept, from single values.
+class Grid(NamedTuple):
+    """The assignments of a sweep: those of one value, and by setting the values of the others.
+
+    Attributes:
+      fixed: `name=value`.
+      names: values of settings that are no floats, as text. Each needs a program of its own.
+      floats: values of floats, which one program trains side by side.
+    """
+
+    fixed: tuple[str, ...]
+    names: dict[str, list[str]]
+    floats: dict[str, list[float]]
+
+
+def split_grid(assignments: tuple[str, ...]) -> Grid:
+    """Separates `name=a,b,c`, which are swept, from single values.
 
     Raises:
-      InputError: if nothing is swept, or a setting with a list of values is no float.
+      InputError: if nothing is swept, or if a value is none of its setting.
     """
-    fixed, grid = [], {}
+    fixed, names, floats = [], {}, {}
     for assignment in assignments:
         name, _, text = assignment.partition("=")
         choose_setting(name)
         if "," not in text or name in ("hidden", "policy_hidden", "value_hidden"):
             fixed.append(assignment)
             continue
-        if name not in GROUPS["hparams"]:
-            raise InputError(
-                f"--set {assignment}: only floats can be swept, in one compiled program "
-                f"({', '.join(GROUPS['hparams'])}); run the command once for each value of {name}"
-            )
-        grid[name] = [parse_overrides((f"{name}={value}",))[name] for value in text.split(",")]
-    if not grid:
+        values = text.split(",")
+        if len(set(values)) < len(values):
+            raise InputError(f"--set {assignment}: expected different values")
+        parsed = [parse_overrides((f"{name}={value}",))[name] for value in values]
+        if name in GROUPS["hparams"]:
+            floats[name] = parsed
+        else:
+            names[name] = values
+    if not names and not floats:
         raise InputError("nothing to sweep: give a list of values, e.g. --set lambda_i=0,0.001,0.1,1")
-    return tuple(fixed), grid
+    return Grid(tuple(fixed), names, floats)
 
 
 def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> list[Experiment]:
     """An experiment for each method and reward form, its reward not used anywhere yet."""
     seeds, tuned = _seeds(options), getattr(options, "tuned", False)
     overrides = parse_overrides((f"optimizer={getattr(options, 'optimizer', 'ppo')}", *options.set))
-    on_nan = {"on_nan": getattr(options, "on_nan", Recipe.on_nan)}
+    training = {name: getattr(options, name, getattr(Recipe, name)) for name in ("on_nan", "more")}
+    more_seeds = getattr(options, "more_seeds", 0)
+    if more_seeds < 0:
+        raise InputError(f"--more-seeds {more_seeds}: expected 0 or more")
+    checked_seeds(len(seeds) + more_seeds, seeds.start)
     env = make_env(task)
     for method in options.method:
         user_methods.register(method)
@@ -425,7 +457,7 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
             task,
             env,
             purpose,
-            {"method": method, "reward_form": form} | overrides | horizon_of(options, source, method) | on_nan,
+            {"method": method, "reward_form": form} | overrides | horizon_of(options, source, method) | training,
             tuned,
         )
         for method in options.method
@@ -438,7 +470,9 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
     explain_defaults(task)
     explain_demonstrations(source, recipes)
     variant, track = "tuned" if tuned else "", getattr(options, "track", ())
-    experiments = [Experiment(source, each, seeds, variant, is_changed, track=track) for each in recipes]
+    experiments = [
+        Experiment(source, each, seeds, variant, is_changed, track=track, more_seeds=more_seeds) for each in recipes
+    ]
     return list({experiment.name: experiment for experiment in experiments}.values())
 
 

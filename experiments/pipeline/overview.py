@@ -21,6 +21,8 @@ SUMMARY = schema.record(
     {
         "returns": schema.list_of(schema.optional(schema.number()), low=1),
         "normalized": schema.optional(schema.number()),
+        "seeds": records.SEEDS,
+        "more_iterations": schema.whole(0, 2**31 - 1),
     },
 )
 
@@ -98,7 +100,9 @@ def _overview(path: Path, name: str, settings: dict, summary: dict | None, size:
     config = settings.get("retrain_config" if is_transfer else "config", {})
     seeds = settings.get("seeds", 0)
     planned = config.get("iterations", 0)
-    planned = planned if type(planned) is int else 0
+    planned = (planned if type(planned) is int else 0) + (summary or {}).get("more_iterations", 0)
+    if summary is not None and (path / records.MORE_SEEDS).is_dir():
+        seeds = summary.get("seeds", seeds)
     score = normalized = None
     if summary is not None:
         returns = [value for value in summary.get("returns", []) if value is not None]

@@ -17,18 +17,21 @@ from eairl_jax import (
     InputError,
     Lanes,
     LearnedPolicy,
+    learned_reward,
     make_rl,
     policy_params,
     save_policy,
+    save_reward,
 )
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.experiments.display.console import say
-from eairl_jax.experiments.pipeline import divergence, records, user_methods
-from eairl_jax.experiments.pipeline.experiment import make_env
+from eairl_jax.experiments.pipeline import divergence, more_seeds, records, user_methods
+from eairl_jax.experiments.pipeline.experiment import Experiment, make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
-from eairl_jax.experiments.pipeline.stages import best_restarts, last_tenth, make_algorithm
+from eairl_jax.experiments.pipeline.stages import best_restarts, describe, last_tenth, make_algorithm
 from eairl_jax.experiments.pipeline.train import take_lanes
 from eairl_jax.methods import with_method_defaults
+from eairl_jax.storage import read_json
 from eairl_jax.types import PyTree
 
 
@@ -100,7 +103,7 @@ def load(path: Path, may_be_unfinished: bool = False) -> Policies:
     algorithm = make_algorithm(env, config) if is_imitation else make_rl(env, config)
     if is_imitation and config.method != "bc":
         config = with_method_defaults(config)
-    iteration = config.iterations if is_finished else _newest_iteration(path)
+    iteration = _last_iteration(path, config) if is_finished else _newest_iteration(path)
     if not (path / "checkpoints" / str(iteration)).is_dir():
         raise InputError(f"{path} has lost its last checkpoint ({iteration}), which held its policies")
     restarts, folder = settings.get("restarts", 1), RunFolder(path, settings)
@@ -110,7 +113,12 @@ def load(path: Path, may_be_unfinished: bool = False) -> Policies:
     if folder.dropped():
         kept = divergence.kept_seeds(folder)
         state, seeds = take_lanes(state, kept), [seeds[lane] for lane in kept]
-    return Policies(task, env, algorithm, state, seeds, settings, config, iteration)
+    trained = Policies(task, env, algorithm, state, seeds, settings, config, iteration)
+    for group in more_seeds.finished(path) if is_finished and is_imitation else ():
+        other = load(group)
+        state = jax.tree.map(lambda *leaves: np.concatenate(leaves), trained.state, other.state)
+        trained = dataclasses.replace(trained, state=state, seeds=[*trained.seeds, *other.seeds])
+    return trained
 
 
 def keep(path: Path) -> None:
@@ -121,6 +129,39 @@ def keep(path: Path) -> None:
     folder = path / "policy"
     if not (folder / "policy.json").exists() and (path / "checkpoints").is_dir():
         save_policy(folder, load(path).learned())
+
+
+def keep_points(path: Path, experiment: Experiment, algorithm: Algorithm, state: PyTree, kept: np.ndarray) -> None:
+    """Writes the reward and the policies of each point of a sweep into a folder `points/NAME`.
+
+    Args:
+      path: folder of the sweep.
+      state: of all lanes, NumPy arrays `[points * seeds, ...]`.
+      kept: the lanes that were not dropped.
+    """
+    source, count = experiment.source, len(experiment.seeds)
+    config = with_method_defaults(experiment.config) if experiment.has_reward else experiment.config
+    iteration, settings = experiment.recipe.last_iteration, experiment.settings()
+    for number, point in enumerate(experiment.points):
+        lanes = kept[kept // count == number]
+        if not len(lanes):
+            continue
+        folder, of_point = path / "points" / point_folder(point), take_lanes(state, lanes)
+        seeds = [experiment.seeds[lane] for lane in lanes % count]
+        trained = Policies(source.task, source.env, algorithm, of_point, seeds, settings, config, iteration)
+        save_policy(folder / "policy", trained.learned())
+        if experiment.has_reward:
+            recipe = dataclasses.replace(
+                experiment.recipe, hparams=dataclasses.replace(experiment.recipe.hparams, **point)
+            )
+            of_recipe = dataclasses.replace(experiment, recipe=recipe, seeds=seeds)
+            reward = describe(of_recipe, learned_reward(of_point), [iteration] * len(seeds))
+            save_reward(folder / "reward", reward)
+
+
+def point_folder(point: dict[str, float]) -> str:
+    """`lambda_i=0.1-beta=1`."""
+    return "-".join(f"{name}={value:g}" for name, value in point.items()) or "all"
 
 
 def finished_settings(path: Path) -> dict:
@@ -140,6 +181,16 @@ def _unfinished_settings(path: Path) -> dict:
     return _with_policies(path, settings)
 
 
+def _last_iteration(path: Path, config: Config) -> int:
+    """The iteration with which a finished run ended, or the newest one of a run that goes on beyond its end."""
+    more = read_json(path / "summary.json", records.END, records.AGAIN).get("more_iterations", 0)
+    last = config.iterations + more
+    if (path / "checkpoints" / str(last)).is_dir() or not (path / "checkpoints").is_dir():
+        return last
+    newest = Checkpoints(path / "checkpoints", read_only=True).latest() or 0
+    return newest if newest > last else last
+
+
 def _newest_iteration(path: Path) -> int:
     checkpoints = Checkpoints(path / "checkpoints", read_only=True) if (path / "checkpoints").is_dir() else None
     newest = checkpoints.latest() if checkpoints else None
@@ -152,7 +203,10 @@ def _newest_iteration(path: Path) -> int:
 def _with_policies(path: Path, settings: dict) -> dict:
     """The settings of a run that trained policies."""
     if "sweep" in settings:
-        raise InputError(f"{path} is a sweep: repeat its best point with `eairl imitate`, and give that run")
+        raise InputError(
+            f"{path} is a sweep: repeat its best point with `eairl imitate`, and give that run; the rewards and "
+            f"policies of all points are in {path / 'points'}"
+        )
     if settings.get("rule", {}).get("kind") == "policy":
         raise InputError(f"{path} trained no policy, it scored one: give the learn-... folder beside it")
     return settings

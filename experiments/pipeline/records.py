@@ -10,6 +10,8 @@ from eairl_jax.storage import read_json
 
 AGAIN = "repeat the command that made the run, with another --out"
 MOST_SEEDS = 100_000
+MORE_SEEDS = "more-seeds"
+"""The folder, in a run's folder, of the seeds that were added to the run."""
 
 _count, _numbers = schema.whole(0, 2**31 - 1), schema.list_of(schema.number(), low=1)
 _perhaps = schema.list_of(schema.optional(schema.number()), low=1)
@@ -49,8 +51,10 @@ SECONDS = schema.record({"compile_seconds": schema.number(0.0), "run_seconds": s
 LEARNING = schema.record({"imitation_returns": _perhaps})  # null: the seed was dropped
 CEILING = schema.record({"returns": _numbers})
 EXPERT = schema.record(
-    {"returns": _numbers, "returns_mean_action": _numbers, "env_steps": schema.whole(0)}, {"dropped": _dropped}
+    {"returns": _numbers, "returns_mean_action": _numbers, "env_steps": schema.whole(0)},
+    {"dropped": _dropped, "more_iterations": schema.whole(0, 2**31 - 1)},
 )
+END = schema.record({}, {"more_iterations": schema.whole(0, 2**31 - 1)})
 PLANS = schema.record({"learned_per_step": _perhaps})
 WORTH = schema.record(
     {"policies": schema.list_of(_perhaps, low=1), "compared": schema.table_of(_perhaps)},

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy as np
 from eairl_jax import InputError, LearnedReward, load_reward, save_reward, schema, storage
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.plots import Curve, plot, plot_sweep
-from eairl_jax.experiments.pipeline import divergence, policies, records, stages
+from eairl_jax.experiments.pipeline import divergence, more_seeds, policies, records, stages
 from eairl_jax.experiments.pipeline.experiment import Experiment, Reference, Target, Use
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, machine, peak_memory_gb, settings_digest
 from eairl_jax.experiments.pipeline.train import Lane, scores
@@ -57,6 +58,7 @@ class Result:
       saturated_lanes: lanes whose discriminator was right about nearly everything in most iterations.
       closeness: distances between the learned and the true reward, by task (`paper.reward_distance`).
       diagnosis: of a transfer, other behaviours judged by the learned reward (`diagnosis.Diagnosis.to_json`).
+      more_iterations: how far the training went beyond its plan, at its final rates (`--more`).
       curve: true return while training: {"env_steps": [points], "true_return": [seeds][points]}.
       machine: versions and devices (`run_folder.machine`).
       dropped: what was dropped because a value was not finite, and why (`divergence.entry`): seeds, which are then not
@@ -93,6 +95,7 @@ class Result:
     saturated_lanes: list[str] = field(default_factory=list)
     closeness: dict[str, dict] | None = None
     diagnosis: dict[str, Any] | None = None
+    more_iterations: int | None = None
     curve: dict[str, list] | None = None
     machine: dict[str, Any] | None = None
     dropped: list[dict[str, Any]] = field(default_factory=list)
@@ -132,6 +135,23 @@ class Result:
     def scores(self) -> Any:
         """Each seed's normalised return `[seeds]`; None if the expert's return is unknown."""
         return self.reference.normalized(np.array(self.returns))
+
+    def has(self, seeds: range) -> bool:
+        """Whether the result holds all these seeds, as returns or as dropped ones."""
+        return set(seeds) <= {*self.seeds, *(each["seed"] for each in self.dropped)}
+
+    def joined(self, other: Result) -> Result:
+        """This result and the seeds of another one of the same imitation."""
+        return dataclasses.replace(
+            self,
+            seeds=self.seeds + other.seeds,
+            returns=self.returns + other.returns,
+            dropped=self.dropped + other.dropped,
+            saturated_lanes=self.saturated_lanes + other.saturated_lanes,
+            compile_seconds=self.compile_seconds + other.compile_seconds,
+            run_seconds=self.run_seconds + other.run_seconds,
+            peak_memory_gb=max(self.peak_memory_gb, other.peak_memory_gb),
+        )
 
     @property
     def identity(self) -> tuple[str, str, str | None, str | None]:
@@ -205,6 +225,8 @@ def _result_fields() -> dict[str, schema.Schema]:
 def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
     """Runs an experiment to its end, or goes on with it, or reads the result that it has.
 
+    A result of fewer iterations or seeds than the experiment has (`Recipe.more`, `Experiment.more_seeds`) is extended.
+
     Args:
       out: folder of the experiment. A transfer shares its learning, and its ceiling, with other transfers through
         folders beside `out`.
@@ -215,14 +237,16 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
       Diverged: when a metric is no longer finite.
     """
     folder = RunFolder(out, experiment.settings(), experiment.track)
-    content = folder.summary()
-    if content is None:
+    content, more = folder.summary(), experiment.recipe.more
+    result = None if content is None else Result.from_json(content, f"{folder.path}/summary.json")
+    if result is None or (result.more_iterations or 0) < more:
         folder.prepare()
         result = _transfer(experiment, experiment.use, folder) if experiment.use else _imitate(experiment, folder)
-        result = dataclasses.replace(result, command_line=command_line, machine=machine())
+        result = dataclasses.replace(result, command_line=command_line, machine=machine(), more_iterations=more or None)
+        _forget_pictures(folder)
         folder.write_summary(result.to_json())
-    else:
-        result = Result.from_json(content, f"{folder.path}/summary.json")
+    if not experiment.points and not experiment.use:
+        result = _with_more_seeds(experiment, folder, result, command_line)
     if not folder.is_writable():  # a finished run, read from a place where nobody may write
         return result
     if not (folder.path / "curves.png").exists():
@@ -239,15 +263,50 @@ def _imitate(experiment: Experiment, folder: RunFolder) -> Result:
     returns = scores(folder, experiment.recipe, experiment.source.env, algorithm, state, labels)
     kept = divergence.kept(folder, labels)
     if experiment.has_reward and not experiment.points:
-        last = stages.snapshot_path(folder, experiment.config.iterations)
-        save_reward(folder.path / "reward", stages.of_kept(load_reward(last), kept))
+        save_reward(folder.path / "reward", _last_reward(experiment, folder))
+    if experiment.points:
+        policies.keep_points(folder.path, experiment, algorithm, state, kept)
     return dataclasses.replace(
         _result(experiment, folder, returns[kept], experiment.source.reference),
-        env_steps=experiment.config.env_steps,
+        env_steps=experiment.recipe.env_steps,
         points=list(experiment.points),
         saturated_lanes=stages.saturated_lanes(folder, experiment),
         **folder.seconds(),
     )
+
+
+def _last_reward(experiment: Experiment, folder: RunFolder) -> LearnedReward:
+    """The rewards with which the learning ended, of the seeds that were not dropped."""
+    last = stages.snapshot_path(folder, experiment.recipe.last_iteration)
+    return stages.of_kept(load_reward(last), divergence.kept_seeds(folder))
+
+
+def _with_more_seeds(experiment: Experiment, folder: RunFolder, result: Result, command_line: str) -> Result:
+    """The result with the seeds that were added to the run; those that are asked for and missing are trained."""
+    recipe = dataclasses.replace(experiment.recipe, more=result.more_iterations or 0)
+    groups = more_seeds.groups(folder.path, experiment.seeds, experiment.more_seeds)
+    folders = [more_seeds.folder(folder.path, group) for group in groups]
+    others = [
+        run(dataclasses.replace(experiment, recipe=recipe, seeds=group, more_seeds=0), path, command_line)
+        for group, path in zip(groups, folders, strict=True)
+    ]
+    if all(result.has(group) for group in groups):
+        return result
+    for group, other in zip(groups, others, strict=True):
+        result = result if result.has(group) else result.joined(other)
+    if experiment.has_reward:
+        own = _last_reward(dataclasses.replace(experiment, recipe=recipe), folder)
+        rewards = [own, *(load_reward(path / "reward") for path in folders)]
+        save_reward(folder.path / "reward", more_seeds.joined_rewards(rewards))
+    _forget_pictures(folder)
+    folder.write_summary(result.to_json())
+    return result
+
+
+def _forget_pictures(folder: RunFolder) -> None:
+    """Removes what is made again from a new result: the figure and the policy."""
+    (folder.path / "curves.png").unlink(missing_ok=True)
+    shutil.rmtree(folder.path / "policy", ignore_errors=True)
 
 
 def _transfer(experiment: Experiment, use: Use, folder: RunFolder) -> Result:
@@ -402,13 +461,17 @@ def _draw(experiment: Experiment, folder: RunFolder, result: Result) -> None:
     """Saves `curves.png`; the pictures of a moved policy would be those of its learning, so it gets none."""
     path, source = folder.path / "curves.png", experiment.source.task
     if experiment.points:
-        returns = result.returns_by_point
-        labels = stages.lanes_of(experiment)
-        curves = folder.curve("true_return", len(labels)).reshape(len(returns), len(experiment.seeds), -1)
-        names, steps = [point_name(point) for point in result.points], experiment.config.steps_per_iteration
-        plot_sweep(path, f"{experiment.name} in {source}", names, returns, curves, steps, result.expert)
+        draw_sweeps(path, f"{experiment.name} in {source}", [(experiment, folder.path, result)])
     elif experiment.use is None:
-        plot(path, f"{experiment.name}: imitation of {source}", imitation_curves(folder, experiment))
+        curves = imitation_curves(folder, experiment)
+        for group in more_seeds.groups(folder.path, experiment.seeds, 0):
+            part = dataclasses.replace(experiment, seeds=group)
+            others = imitation_curves(RunFolder(more_seeds.folder(folder.path, group), part.settings()), part)
+            curves = [
+                dataclasses.replace(curve, values=np.concatenate([curve.values, other.values]))
+                for curve, other in zip(curves, others, strict=True)
+            ]
+        plot(path, f"{experiment.name}: imitation of {source}", curves)
     elif experiment.use.rule.kind != "policy":
         target, learning = experiment.use.target, learning_folder(experiment, folder.path.parent)
         curves = [
@@ -418,6 +481,24 @@ def _draw(experiment: Experiment, folder: RunFolder, result: Result) -> None:
         returns = stages.kept_curves(folder, target, len(experiment.seeds))[divergence.kept_seeds(folder)]
         curves.append(_retraining_curve(target, returns, result.ceiling))
         plot(path, f"{experiment.name}: {source} to {target.task}", curves)
+
+
+def draw_sweeps(path: Path, title: str, sweeps: Sequence[tuple[Experiment, Path, Result]]) -> None:
+    """Saves the figure that compares all points of sweeps.
+
+    Args:
+      path: of the figure.
+      sweeps: experiments with their folders and results. Their points have different values of the names, if any.
+    """
+    names, returns, curves, steps = [], [], [], []
+    for experiment, folder, result in sweeps:
+        lanes = len(experiment.points) * len(experiment.seeds)
+        trained = RunFolder(folder, experiment.settings()).curve("true_return", lanes)
+        names += [point_name(experiment, point) for point in experiment.points]
+        returns += result.returns_by_point
+        curves += list(trained.reshape(len(experiment.points), len(experiment.seeds), -1))
+        steps += [experiment.config.steps_per_iteration] * len(experiment.points)
+    plot_sweep(path, title, names, returns, curves, steps, sweeps[0][2].expert)
 
 
 def imitation_curves(folder: RunFolder, experiment: Experiment) -> list[Curve]:
@@ -446,6 +527,7 @@ def _retraining_curve(target: Target, returns: np.ndarray, ceiling: Sequence[flo
     return Curve(title, "", returns, target.recipe.config.steps_per_iteration, level)
 
 
-def point_name(point: dict[str, float]) -> str:
-    """`lambda_i 0.1, beta 1`."""
-    return ", ".join(f"{name} {value:g}" for name, value in point.items())
+def point_name(experiment: Experiment, point: dict[str, float]) -> str:
+    """`activation tanh, lambda_i 0.1`: the names of a sweep, and the floats of one of its points."""
+    names = [f"{name} {value}" for name, value in experiment.swept_names.items()]
+    return ", ".join([*names, *(f"{name} {value:g}" for name, value in point.items())])

@@ -94,7 +94,7 @@ def train(
       InputError: if another process is training in the folder.
     """
     with folder.locked():
-        iterations, chunk = recipe.config.iterations, recipe.snapshot_every
+        iterations, chunk = recipe.last_iteration, recipe.snapshot_every
         checkpoints = Checkpoints(folder.path / "checkpoints")
         first = start.iteration if start else 0
         restored = checkpoints.restore_newest(lanes.blank)
@@ -144,7 +144,7 @@ class _Report:
     """Shows how far a training is: a bar in a terminal, a line for each chunk elsewhere."""
 
     def __init__(self, title: str, recipe: Recipe, lanes: int, done: int):
-        self._title, self._iterations = title, recipe.config.iterations
+        self._title, self._iterations = title, recipe.last_iteration
         self._steps = lanes * recipe.snapshot_every * recipe.config.steps_per_iteration
         self._progress = Progress(
             TextColumn("{task.description}", style="bold", markup=False),
@@ -249,7 +249,7 @@ def scores(
             if recipe.on_nan == "stop":
                 raise
             label = labels[kept[e.lane]]
-            folder.drop([divergence.entry(label, divergence.EVALUATION, e.metric, recipe.config.iterations, e.value)])
+            folder.drop([divergence.entry(label, divergence.EVALUATION, e.metric, recipe.last_iteration, e.value)])
             continue
         means = np.full(len(labels), np.nan)
         means[kept] = returns.mean(axis=1)

@@ -4,6 +4,8 @@ import json
 
 import numpy as np
 
+from eairl_jax import load_policy, load_reward
+
 
 def test_a_sweep_is_its_single_runs_side_by_side(tmp_path, tiny, capsys, run, imitate, metrics_lines, table):
     arguments = ["sweep", "pendulum", "--seeds", 2, "--out", tmp_path / "sweep", "--set", *tiny]
@@ -31,6 +33,14 @@ def test_a_sweep_is_its_single_runs_side_by_side(tmp_path, tiny, capsys, run, im
         numbers = [[[float(r[name]) for name in alone[0]] for r in rows] for rows in (curves[point], alone)]
         np.testing.assert_allclose(*numbers, rtol=1e-3, atol=1e-4)
         returns.append((of_seeds, json.loads((single / "summary.json").read_text())["returns"]))
+        kept = tmp_path / "sweep" / "points" / "lambda_i=10-gradient_penalty=0"
+        obs, action = np.ones(3, np.float32), np.ones(1, np.float32)
+        for load, what, arguments_of in ((load_reward, "reward", (obs, action)), (load_policy, "policy", (obs,))):
+            artefact, other = load(kept / what), load(single / what)
+            assert artefact.description["seeds"] == [0, 1]
+            values = [[each(*arguments_of, seed=seed) for seed in (0, 1)] for each in (artefact, other)]
+            np.testing.assert_allclose(*values, rtol=1e-3, atol=1e-5)
+        assert load_reward(kept / "reward").description["hparams"]["lambda_i"] == 10.0
     losses = {tuple(float(r["policy_loss"]) for r in rows) for rows in curves.values()}
     assert len(losses) == len(points), "every setting counts"
     # The same command again computes nothing.
@@ -55,3 +65,21 @@ def test_a_sweep_is_its_single_runs_side_by_side(tmp_path, tiny, capsys, run, im
     rest = json.loads((tmp_path / "sweep" / "summary.json").read_text())
     assert (rest["seeds"], rest["returns"], rest["dropped"]) == ([0, 1], summary["returns"][:5], dropped)
     assert (tmp_path / "sweep" / "curves.png").exists()
+
+
+def test_a_sweep_may_go_over_names(tmp_path, tiny, capsys, run, table):
+    """Each name needs a program of its own; one table and one figure show all of them."""
+    arguments = ["sweep", "pendulum", "--seeds", 1, "--out", tmp_path / "sweep", "--set", *tiny]
+    assert run(*arguments, "activation=relu,tanh") == 0
+    printed = table(capsys)
+    for name in ("relu", "tanh"):
+        folder = tmp_path / "sweep" / f"eairl-sa+activation={name}"
+        summary = json.loads((folder / "summary.json").read_text())
+        line = next(line for line in printed.splitlines() if f"activation {name} " in line)
+        assert f"{summary['mean']:.2f}" in line
+        assert load_reward(folder / "points" / "all" / "reward").config.activation == name
+    assert (tmp_path / "sweep" / "curves.png").read_bytes().startswith(b"\x89PNG")
+    assert run(*arguments, "activation=relu,relu") == 2
+    assert "expected different values" in capsys.readouterr().err
+    assert run(*arguments, "activation=relu,tan") == 2
+    assert "did you mean tanh" in capsys.readouterr().err

@@ -58,7 +58,7 @@ def test_a_sweep_shows_a_dot_for_each_seed_and_the_expert(tmp_path, monkeypatch)
     figures = []
     monkeypatch.setattr("eairl_jax.experiments.display.plots.save", lambda figure, path: figures.append(figure))
     returns, curves = np.array([[1.0, 3.0], [5.0, 5.0]]), np.arange(12.0).reshape(2, 2, 3)
-    plot_sweep(tmp_path / "sweep.png", "title", ["lambda_i=0", "lambda_i=1"], returns, curves, 10, 6.0)
+    plot_sweep(tmp_path / "sweep.png", "title", ["lambda_i=0", "lambda_i=1"], returns, curves, [10, 20], 6.0)
     final, learning = figures[0].axes
     first_dots, first_mean = final.lines[:2]
     assert list(first_dots.get_ydata()) == [1.0, 3.0]

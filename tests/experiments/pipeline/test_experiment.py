@@ -101,10 +101,19 @@ def test_restarts_are_the_users_or_the_recipes():
 
 
 def test_a_sweep_is_one_experiment_of_all_points():
-    swept = sweeps(Sweep("pendulum", set=("lambda_i=0,0.1", "beta=1,2", "hidden=8,8")))
+    (swept,) = sweeps(Sweep("pendulum", set=("lambda_i=0,0.1", "beta=1,2", "hidden=8,8")))
     assert swept.config.hidden == (8, 8)
     assert swept.points == tuple({"lambda_i": i, "beta": b} for i in (0.0, 0.1) for b in (1.0, 2.0))
     assert swept.settings()["sweep"] == list(swept.points)
+
+
+def test_a_sweep_over_names_is_an_experiment_for_each_combination():
+    swept = sweeps(Sweep("pendulum", set=("num_envs=2,4", "beta=1,2", "activation=relu,tanh")))
+    assert [(each.config.num_envs, each.config.activation) for each in swept] == [
+        (n, activation) for n in (2, 4) for activation in ("relu", "tanh")
+    ]
+    assert all(each.points == ({"beta": 1.0}, {"beta": 2.0}) for each in swept)
+    assert len({each.folder_name() for each in swept}) == 4
 
 
 @pytest.fixture
