@@ -54,7 +54,7 @@ REFUSED = {
     "no trust region": (["imitate", "pendulum", "--optimizer", "trpo", "--set", "kl_limit=0"], "kl_limit"),
     "PPO's setting": (["imitate", "pendulum", "--optimizer", "trpo", "--set", "clip_eps=0.1"], "clip_eps"),
     "TRPO's setting": (["imitate", "pendulum", "--set", "kl_limit=0.1"], "not a setting of eairl with ppo"),
-    "sweep of an integer": (["sweep", "pendulum", "--set", "num_envs=5,10"], "only floats"),
+    "sweep of an impossible integer": (["sweep", "pendulum", "--set", "num_envs=5,0"], "num_envs"),
     "sweep of nothing": (["sweep", "pendulum", "--set", "lambda_i=1"], "give a list of values"),
     "a bad point": (["sweep", "pendulum", "--set", "gradient_penalty=0,-1"], "gradient_penalty = -1:"),
     "sweep of no setting": (["sweep", "pendulum", "--set", "lamda_i=0,1"], "did you mean lambda_i"),
