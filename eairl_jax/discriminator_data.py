@@ -50,7 +50,7 @@ def check_segments(config: Config, demo_length: int | None = None) -> None:
 
 
 def draw_minibatches(
-    key: Key, demos: Demonstrations, past: replay.Replay, raw: Transition, config: Config
+    key: Key, demos: Demonstrations, past: replay.Replay, raw: Transition, hparams: HParams, config: Config
 ) -> tuple[Demonstrations, Transition]:
     """Raw minibatches `[updates, batch, length, ...]` of the expert, and as many of the policy.
 
@@ -61,7 +61,8 @@ def draw_minibatches(
     Raises:
       InputError: see `check_segments`; or if the method needs actions of the expert and there are none.
     """
-    steps = horizon.step_count(demos, config)
+    stay = horizon.stay(hparams, config)
+    steps = horizon.step_count(demos, config, stay)
     check_segments(config, steps if isinstance(steps, int) else None)
     length = config.episode_length if config.discriminates == "trajectories" else 1
     updates, batch = config.discriminator_updates, -(-config.discriminator_batch // length)
@@ -72,8 +73,8 @@ def draw_minibatches(
             f"demonstrations hold none: {methods.STATE_ONLY_ADVICE}"
         )
     segments = jax.random.randint(expert_key, (updates, batch), 0, steps // length)
-    expert = horizon.take_steps(demos, train_state.segment_indices(segments, length), config)
-    return expert, replay.draw_segments(policy_key, past, raw, (updates, batch, length), config)
+    expert = horizon.take_steps(demos, train_state.segment_indices(segments, length), config, stay)
+    return expert, replay.draw_segments(policy_key, past, raw, (updates, batch, length), config, stay)
 
 
 def for_loss(

@@ -8,8 +8,9 @@ while the discriminator wins, so a policy learns to end its episodes at once. Tw
   learned like everything before.
 - "absorbing": after the end, policy and expert are in one absorbing state (Kostrikov et al. 2019). The reward learns
   what this state is worth. Observations have one more entry: 1 in the absorbing state, 0 elsewhere. All absorbing steps
-  are alike, so the data of learning holds one for each end, and `rest_paid` pays the policy for the others. Where whole
-  trajectories are discriminated or planned, the absorbing steps fill the time limit (`is_whole`).
+  are alike, so the data of learning holds one for each end, and it counts as all of them: `rest_paid` pays the policy
+  for all, and the discriminator sees it as often (`stay`). Where whole trajectories are discriminated or planned, the
+  absorbing steps fill the time limit (`is_whole`).
 
 "variable" leaves the episodes as they are. Reinforcement learning on a task's true reward needs it: the sign of that
 reward belongs to the task. The true return counts the true rewards up to the end of the episode, in all three.
@@ -185,6 +186,17 @@ def without_ends(steps: Steps, config: Config) -> Steps:
     return steps._replace(terminated=0.0 * steps.terminated) if config.horizon == "absorbing" else steps
 
 
+def stay(hparams: HParams, config: Config) -> jax.Array | int:
+    """How many absorbing steps `[]` the discriminator sees for each end: `1 + gamma + gamma^2 + ... = 1 / (1 - gamma)`.
+
+    This is the share of the absorbing state in the discounted occupancy of states. It is rounded, and at most the time
+    limit.
+    """
+    if config.horizon != "absorbing" or is_whole(config):
+        return 1
+    return jnp.round(1.0 / jnp.maximum(1.0 - hparams.gamma, 1.0 / config.episode_length)).astype(jnp.int32)
+
+
 def rest_paid(reward: jax.Array, obs: jax.Array, hparams: HParams, config: Config) -> jax.Array:
     """Rewards `[...]`; that of an absorbing step r becomes `r + gamma r + gamma^2 r + ... = r / (1 - gamma)`.
 
@@ -196,8 +208,8 @@ def rest_paid(reward: jax.Array, obs: jax.Array, hparams: HParams, config: Confi
     """
     if config.horizon != "absorbing" or is_whole(config):
         return reward
-    stay = jnp.where(hparams.gamma < 1.0, 1.0 / jnp.maximum(1.0 - hparams.gamma, 1e-12), config.episode_length)
-    return reward * jnp.where(alive(obs, config) > 0, 1.0, stay)
+    rest = jnp.where(hparams.gamma < 1.0, 1.0 / jnp.maximum(1.0 - hparams.gamma, 1e-12), config.episode_length)
+    return reward * jnp.where(alive(obs, config) > 0, 1.0, rest)
 
 
 def update_stats(stats: normalize.ObsStats, obs: jax.Array, config: Config) -> normalize.ObsStats:
@@ -216,12 +228,12 @@ class _Place(NamedTuple):
     next_absorbed: jax.Array
 
 
-def step_count(demos: Demonstrations, config: Config) -> jax.Array | int:
+def step_count(demos: Demonstrations, config: Config, stay: jax.Array | int = 1) -> jax.Array | int:
     """Steps of the demonstrations as the expert of learning takes them; with "absorbing" those after an end count."""
-    return demos.obs.shape[0] if config.horizon != "absorbing" else learned_lengths(demos, config).sum()
+    return demos.obs.shape[0] if config.horizon != "absorbing" else learned_lengths(demos, config, stay).sum()
 
 
-def take_steps(demos: Demonstrations, index: jax.Array, config: Config) -> Demonstrations:
+def take_steps(demos: Demonstrations, index: jax.Array, config: Config, stay: jax.Array | int = 1) -> Demonstrations:
     """The steps `[*index.shape, ...]` of the expert that an index names; `lengths` is dropped.
 
     Args:
@@ -230,7 +242,7 @@ def take_steps(demos: Demonstrations, index: jax.Array, config: Config) -> Demon
     steps = demos._replace(lengths=None)
     if config.horizon != "absorbing":
         return jax.tree.map(lambda x: jnp.asarray(x)[index], steps)
-    place = _place(demos, index, config)
+    place = _place(demos, index, config, stay)
     taken = jax.tree.map(lambda x: jnp.asarray(x)[place.row], steps)
     obs = absorb(taken.obs, place.absorbed)
     return taken._replace(
@@ -241,21 +253,22 @@ def take_steps(demos: Demonstrations, index: jax.Array, config: Config) -> Demon
     )
 
 
-def learned_lengths(demos: Demonstrations, config: Config) -> jax.Array:
+def learned_lengths(demos: Demonstrations, config: Config, stay: jax.Array | int = 1) -> jax.Array:
     """Steps of each episode `[E]` as learning takes them: with "absorbing" those that the task ended go on.
 
-    They go on as those of the policy do: by one step that stands for all, or until the time limit (`is_whole`).
+    They go on as those of the policy do: by `stay` steps, or until the time limit (`is_whole`). An episode that ended
+    at the time limit does not go on.
     """
     lengths = jnp.asarray(demos.lengths)
     if config.horizon != "absorbing":
         return lengths
     has_ended = jnp.asarray(demos.terminated)[jnp.cumsum(lengths) - 1] > 0
     left = jnp.maximum(config.episode_length - lengths, 0)
-    return lengths + has_ended * (left if is_whole(config) else jnp.minimum(left, 1))
+    return lengths + has_ended * (left if is_whole(config) else (left > 0) * stay)
 
 
-def _place(demos: Demonstrations, index: jax.Array, config: Config) -> _Place:
-    lengths, learned = jnp.asarray(demos.lengths), learned_lengths(demos, config)
+def _place(demos: Demonstrations, index: jax.Array, config: Config, stay: jax.Array | int) -> _Place:
+    lengths, learned = jnp.asarray(demos.lengths), learned_lengths(demos, config, stay)
     ends = jnp.cumsum(learned)
     episode = jnp.searchsorted(ends, index, side="right")
     t, length = index - (ends - learned)[episode], lengths[episode]

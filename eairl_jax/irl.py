@@ -110,7 +110,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         # Update the discriminator D (xi), and hence the reward, by the cross-entropy of D.
         def update_discriminator(emp):
             demonstrated = agent.clip_actions(demos, env, config)
-            pair = discriminator_data.draw_minibatches(d_key, demonstrated, past, raw, config)
+            pair = discriminator_data.draw_minibatches(d_key, demonstrated, past, raw, hparams, config)
             expert, policy = (discriminator_data.for_loss(x, pi, emp, acting, hparams, config) for x in pair)
             return discriminator.fit(state.discriminator, expert, policy, hparams, config)
 

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from eairl_jax import train_state
+from eairl_jax import horizon, train_state
 from eairl_jax.config import Config
 from eairl_jax.types import Key, Transition
 
@@ -59,7 +59,12 @@ def add(key: Key, replay: Replay, transition: Transition, config: Config) -> Rep
 
 
 def draw_segments(
-    key: Key, replay: Replay, current: Transition, shape: tuple[int, int, int], config: Config
+    key: Key,
+    replay: Replay,
+    current: Transition,
+    shape: tuple[int, int, int],
+    config: Config,
+    stay: jax.Array | int = 1,
 ) -> Transition:
     """Draws segments of consecutive steps of the policy.
 
@@ -69,6 +74,7 @@ def draw_segments(
     Args:
       current: `[T, N, ...]` the transitions of the current iteration.
       shape: `(updates, batch, length)`; `length` is the number of steps in a segment.
+      stay: how much more often an absorbing step is drawn than another one (`horizon.stay`).
 
     Returns:
       `[updates, batch, length, ...]`.
@@ -76,11 +82,28 @@ def draw_segments(
     updates, batch, length = shape
     slots, steps, num_envs = replay.transitions.reward.shape
     filled = jnp.minimum(replay.added, slots) * (steps // length) * num_envs
-    index = jax.random.randint(key, (updates, batch), 0, filled)
+    index = _draw(key, (updates, batch), filled, horizon.alive(replay.transitions.obs, config), stay)
     past = train_state.take_samples(replay.transitions, 3, train_state.segment_indices(index, length, num_envs))
     if config.history == "iterations":
         return past
-    index = jax.random.randint(jax.random.fold_in(key, 1), (updates, batch), 0, steps // length * config.num_envs)
+    count = steps // length * config.num_envs
+    index = _draw(jax.random.fold_in(key, 1), (updates, batch), count, horizon.alive(current.obs, config), stay)
     new = train_state.take_samples(current, 2, train_state.segment_indices(index, length, config.num_envs))
     half = batch // 2
     return jax.tree.map(lambda past, new: jnp.concatenate([past[:, :half], new[:, half:]], axis=1), past, new)
+
+
+def _draw(
+    key: Key, shape: tuple[int, ...], count: jax.Array | int, alive: jax.Array | float, stay: jax.Array | int
+) -> jax.Array:
+    """Draws from the first `count` segments with replacement.
+
+    Args:
+      alive: for each segment 0 if it is an absorbing step, else 1; a number if none is.
+      stay: how much more often an absorbing step is drawn.
+    """
+    if isinstance(stay, int):  # all are drawn equally often
+        return jax.random.randint(key, shape, 0, count)
+    weight = jnp.where(jnp.ravel(alive) > 0, 1, stay)
+    ends = jnp.cumsum(jnp.where(jnp.arange(weight.size) < count, weight, 0))
+    return jnp.searchsorted(ends, jax.random.randint(key, shape, 0, ends[-1]), side="right")

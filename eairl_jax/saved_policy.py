@@ -52,6 +52,7 @@ class LearnedPolicy:
       description: task, sizes, method, `action_limit`, the seed and the iteration of each policy, settings.
       config: the static settings of the run.
       params: `PolicyParams`, every leaf `[seeds, ...]`.
+      act: pure `(PolicyParams of one seed, obs [..., obs], noise [..., act] or None) -> action [..., act]`.
 
     Raises:
       InputError: if an argument has another type. `save_policy` checks what the arguments hold.
@@ -76,7 +77,7 @@ class LearnedPolicy:
             shape = (*obs.shape[:-1], description["action_size"])
             return act(params, obs, None if key is None else jax.random.normal(key, shape))
 
-        self._act, self._compiled = act, Compiled(params, act_or_sample)
+        self.act, self._compiled = act, Compiled(params, act_or_sample)
 
     def __call__(self, obs: jax.Array, key: Key | None = None, seed: int = 0) -> jax.Array:
         """Actions `[..., act]` for raw observations `[..., obs]`, within the task's bounds.
@@ -108,7 +109,7 @@ class LearnedPolicy:
           InputError: if the run had fewer seeds.
         """
         params = jax.tree.map(lambda leaf: jnp.asarray(leaf)[self._row(seed)], self.params)
-        return functools.partial(self._act, params)
+        return functools.partial(self.act, params)
 
     def numpy(self, seed: int = 0) -> numpy_nets.Policy:
         """The policy of one seed, computed by NumPy alone: the fastest way to act one step at a time.

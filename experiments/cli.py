@@ -29,7 +29,7 @@ DESCRIPTION = (
 
 
 # Commands that compute nothing answer at once: importing jax alone takes a second.
-WITHOUT_JAX = frozenset({"runs"})
+WITHOUT_JAX = frozenset({"runs", "watch"})
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -386,6 +386,29 @@ class Runs:
 
 
 @dataclass(frozen=True)
+class Clean:
+    """Remove the checkpoints of finished runs. Without --yes nothing is removed, and a table says what would be.
+
+    A run without checkpoints keeps results, curves, rewards and policies. It cannot go on beyond its end.
+    """
+
+    directory: Annotated[Positional[Path], arg(metavar="DIR", help="Folder that holds runs.")] = Path("runs")
+    yes: Annotated[bool, arg(help="Remove them.")] = False
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Show the curves of a run while it trains. The run is only read.
+
+    In a terminal the curves are drawn again whenever there is news; elsewhere each news is a line. The command ends
+    with the run, or with Ctrl-C.
+    """
+
+    run_folder: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a run.")]
+    every: Annotated[float, arg(help="Seconds between two looks.")] = 2.0
+
+
+@dataclass(frozen=True)
 class Diagnose:
     """Say of a finished transfer whether its learned reward is mistaken, or the training on it was not good enough.
 
@@ -441,6 +464,8 @@ COMMANDS = {
     "transfer": Transfer,
     "reproduce": Reproduce,
     "runs": Runs,
+    "watch": Watch,
+    "clean": Clean,
     "report": Report,
     "evaluate": Evaluate,
     "export": Export,

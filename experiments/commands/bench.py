@@ -159,7 +159,7 @@ def stages(experiment: Experiment, iterations: int) -> dict[str, Callable[[], No
 
     def discriminate(key, d):
         drawn = discriminator_data.draw_minibatches(
-            key, agent.clip_actions(experiment.source.demos, env, config), past, raw, config
+            key, agent.clip_actions(experiment.source.demos, env, config), past, raw, hparams, config
         )
         pair = (discriminator_data.for_loss(x, pi, state.empowerment, acting, hparams, config) for x in drawn)
         expert, policy = pair

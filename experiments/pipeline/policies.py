@@ -17,7 +17,9 @@ from eairl_jax import (
     InputError,
     Lanes,
     LearnedPolicy,
+    PolicyParams,
     learned_reward,
+    load_policy,
     make_rl,
     policy_params,
     save_policy,
@@ -32,7 +34,7 @@ from eairl_jax.experiments.pipeline.stages import best_restarts, describe, last_
 from eairl_jax.experiments.pipeline.train import take_lanes
 from eairl_jax.methods import with_method_defaults
 from eairl_jax.storage import read_json
-from eairl_jax.types import PyTree
+from eairl_jax.types import Key, PyTree
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,8 @@ class Policies:
             "seeds": list(self.seeds),
             "iterations": [self.iteration] * len(self.seeds),
         }
-        return LearnedPolicy(description, self.config, policy_params(self.state))
+        params = self.state if isinstance(self.state, PolicyParams) else policy_params(self.state)
+        return LearnedPolicy(description, self.config, params)
 
 
 def load(path: Path, may_be_unfinished: bool = False) -> Policies:
@@ -105,7 +108,12 @@ def load(path: Path, may_be_unfinished: bool = False) -> Policies:
         config = with_method_defaults(config)
     iteration = _last_iteration(path, config) if is_finished else _newest_iteration(path)
     if not (path / "checkpoints" / str(iteration)).is_dir():
+        if (path / "policy" / "policy.json").is_file():
+            return _cleaned(path, task, env, settings)
         raise InputError(f"{path} has lost its last checkpoint ({iteration}), which held its policies")
+    groups = more_seeds.finished(path) if is_finished and is_imitation else []
+    if any(not (group / "checkpoints").is_dir() for group in groups):
+        return _cleaned(path, task, env, settings)
     restarts, folder = settings.get("restarts", 1), RunFolder(path, settings)
     state = _restore(path, algorithm, iteration, hparams, restarts * len(seeds))
     if restarts > 1:
@@ -114,11 +122,27 @@ def load(path: Path, may_be_unfinished: bool = False) -> Policies:
         kept = divergence.kept_seeds(folder)
         state, seeds = take_lanes(state, kept), [seeds[lane] for lane in kept]
     trained = Policies(task, env, algorithm, state, seeds, settings, config, iteration)
-    for group in more_seeds.finished(path) if is_finished and is_imitation else ():
+    for group in groups:
         other = load(group)
         state = jax.tree.map(lambda *leaves: np.concatenate(leaves), trained.state, other.state)
         trained = dataclasses.replace(trained, state=state, seeds=[*trained.seeds, *other.seeds])
     return trained
+
+
+def _cleaned(path: Path, task: str, env: Task, settings: dict) -> Policies:
+    """The policies of a finished run whose checkpoints were removed, from its `policy/`."""
+    learned = load_policy(path / "policy")
+    seeds, iteration = learned.description["seeds"], learned.description["iterations"][0]
+
+    def act(params: PolicyParams, obs: jax.Array, key: Key | None = None) -> jax.Array:
+        shape = (*obs.shape[:-1], env.action_size)
+        return learned.act(params, obs, None if key is None else jax.random.normal(key, shape))
+
+    def cannot_train(*_arguments):
+        raise InputError(f"{path} has no checkpoints any more (`eairl clean`): its policies can act, but not train")
+
+    algorithm = Algorithm(cannot_train, cannot_train, act)
+    return Policies(task, env, algorithm, learned.params, seeds, settings, learned.config, iteration)
 
 
 def keep(path: Path) -> None:
@@ -183,12 +207,26 @@ def _unfinished_settings(path: Path) -> dict:
 
 def _last_iteration(path: Path, config: Config) -> int:
     """The iteration with which a finished run ended, or the newest one of a run that goes on beyond its end."""
-    more = read_json(path / "summary.json", records.END, records.AGAIN).get("more_iterations", 0)
-    last = config.iterations + more
+    last = config.iterations + _more_iterations(path)
     if (path / "checkpoints" / str(last)).is_dir() or not (path / "checkpoints").is_dir():
         return last
     newest = Checkpoints(path / "checkpoints", read_only=True).latest() or 0
     return newest if newest > last else last
+
+
+def planned_iterations(path: Path, settings: dict) -> int:
+    """The iterations of a finished run, those beyond its plan included.
+
+    Raises:
+      InputError: if its files are damaged.
+    """
+    prefix = "retrain_" if "retrain_config" in settings else ""
+    (config,) = records.needed(settings, [f"{prefix}config"], path)
+    return Config.from_json(config, path / "config.json").iterations + _more_iterations(path)
+
+
+def _more_iterations(path: Path) -> int:
+    return read_json(path / "summary.json", records.END, records.AGAIN).get("more_iterations", 0)
 
 
 def _newest_iteration(path: Path) -> int:

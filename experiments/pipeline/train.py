@@ -14,7 +14,7 @@ import numpy as np
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
-from eairl_jax import Algorithm, Checkpoints, Diverged, Lanes, evaluate
+from eairl_jax import Algorithm, Checkpoints, Diverged, InputError, Lanes, evaluate
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.experiments.display.console import console, say
 from eairl_jax.experiments.pipeline import divergence, trackers
@@ -95,6 +95,7 @@ def train(
     """
     with folder.locked():
         iterations, chunk = recipe.last_iteration, recipe.snapshot_every
+        _refuse_cleaned(folder.path)
         checkpoints = Checkpoints(folder.path / "checkpoints")
         first = start.iteration if start else 0
         restored = checkpoints.restore_newest(lanes.blank)
@@ -138,6 +139,15 @@ def train(
                 interruption.stop_if_asked()
         say(f"{title}: compiled in {compile_seconds:.1f} s")
         return lanes.take(state)
+
+
+def _refuse_cleaned(path: Path) -> None:
+    """Raises `InputError` if a run is finished and its checkpoints were removed: it would begin anew."""
+    if (path / "summary.json").exists() and not (path / "checkpoints").exists():
+        raise InputError(
+            f"{path} is finished and has no checkpoints any more (`eairl clean`), so it cannot go on: choose another "
+            "folder with --out, or remove this one to train anew"
+        )
 
 
 class _Report:

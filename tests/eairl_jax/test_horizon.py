@@ -71,7 +71,10 @@ def test_one_absorbing_step_stands_for_all_and_is_paid_for_all(toy):
     for gamma, stay in ((0.9, 10.0), (0.0, 1.0), (1.0, 6.0)):
         paid = horizon.rest_paid(jnp.array([2.0, 3.0]), obs, HParams(gamma=gamma), cfg)
         np.testing.assert_allclose(paid, [2.0 * stay, 3.0], rtol=1e-5)
+    for gamma, stay in ((0.5, 2), (0.8, 5), (0.99, 6), (1.0, 6)):  # at most the time limit
+        assert horizon.stay(HParams(gamma=gamma), cfg) == stay
     for other in (config("variable"), config("absorbing", discriminates="trajectories")):
+        assert horizon.stay(HParams(), other) == 1
         assert (horizon.rest_paid(jnp.array([2.0, 3.0]), obs, HParams(), other) == jnp.array([2.0, 3.0])).all()
 
 
@@ -86,17 +89,19 @@ def test_where_episodes_never_end_or_may_vary_the_environment_is_the_tasks_own(t
     st.lists(st.integers(1, 6), min_size=1, max_size=4),
     st.booleans(),
     st.sampled_from(["transitions", "trajectories"]),
+    st.sampled_from([1, 4]),
 )
-def test_absorbing_steps_of_the_expert_are_those_of_the_policy(lengths, terminated, discriminates):
+def test_absorbing_steps_of_the_expert_are_those_of_the_policy(lengths, terminated, discriminates, stay):
     """Every step of every episode is drawn from one row, the last entry says which rows are after an end.
 
-    Where trajectories are discriminated they fill the time limit. Else there is one, if time is left for it.
+    Where trajectories are discriminated they fill the time limit. Else there are `stay`, if time is left for one.
     """
     demos, cfg = episodes(*lengths, terminated=terminated), config("absorbing", discriminates=discriminates)
-    count = int(horizon.step_count(demos, cfg))
-    learned = [(6 if discriminates == "trajectories" else min(n + 1, 6)) if terminated else n for n in lengths]
+    count = int(horizon.step_count(demos, cfg, stay))
+    after = [(6 - n if discriminates == "trajectories" else (n < 6) * stay) * terminated for n in lengths]
+    learned = [n + more for n, more in zip(lengths, after, strict=True)]
     assert count == sum(learned)
-    taken = horizon.take_steps(demos, jnp.arange(count), cfg)
+    taken = horizon.take_steps(demos, jnp.arange(count), cfg, stay)
     rows = []  # (obs, action, next_obs), by a loop
     for n, steps in zip(lengths, learned, strict=True):
         for t in range(steps):

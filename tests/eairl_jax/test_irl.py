@@ -168,7 +168,7 @@ def test_the_discriminator_is_shown_transitions_or_whole_episodes(
     raw = raw._replace(obs=jnp.arange(5 * 4 * 4.0).reshape(5, 4, 4))
     demos = flat(*(np.arange(3 * 5 * n).reshape(3, 5, *tail) for n, *tail in ((4, 4), (2, 2), (4, 4), (1,), (1,))))
     past = replay.add(jax.random.PRNGKey(0), replay.empty(4, 2, config), raw, config)
-    drawn = discriminator_data.draw_minibatches(jax.random.PRNGKey(0), demos, past, raw, config)
+    drawn = discriminator_data.draw_minibatches(jax.random.PRNGKey(0), demos, past, raw, HParams(), config)
     for given, episodes in zip(drawn, (demos.obs, raw.obs.swapaxes(0, 1)), strict=True):
         assert given.obs.shape == (2, batch, length, 4)
         pieces = {tuple(piece) for piece in np.asarray(given.obs).reshape(2 * batch, -1)}

@@ -1,6 +1,9 @@
 """The ring of past samples."""
 
+import dataclasses
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import stats
@@ -108,3 +111,24 @@ def test_of_all_iterations_each_is_as_likely_to_be_kept_and_the_newest_is_half(f
     told = drawn((ring, x, config), 4, 100).obs[:, :, 0, 0]
     assert set(told[:, 50:].ravel()) == {iterations}
     assert set(told[:, :50].ravel()) == set(kept[-1])
+
+
+@pytest.mark.parametrize("history", ["iterations", "all"])
+def test_an_absorbing_step_is_drawn_as_often_as_it_stands_for_steps(filled, history):
+    """One of four environments is in the absorbing state, in every iteration."""
+    ring, x, config = filled(2, history=history)
+
+    def absorbed(steps):
+        flag = jnp.zeros(steps.reward.shape).at[..., 1].set(1.0)
+        return steps._replace(obs=jnp.concatenate([steps.obs, flag[..., None]], axis=-1))
+
+    ring, x = ring.replace(transitions=absorbed(ring.transitions)), absorbed(x)
+    config = dataclasses.replace(config, horizon="absorbing")
+    drawn = replay.draw_segments(jax.random.PRNGKey(0), ring, x, (10, 400, 1), config, jnp.int32(7)).obs
+    assert drawn.shape[:3] == (10, 400, 1)
+    np.testing.assert_allclose(drawn[..., -1].mean(), 7 / (7 + 3), atol=0.03)
+    told = np.asarray(drawn[..., :3].reshape(-1, 3))
+    assert set(told[:, 0]) == {1, 2}  # a slot that is not filled yet is never drawn
+    alive = told[np.asarray(drawn[..., -1]).ravel() == 0]
+    _, counts = np.unique(alive[alive[:, 0] == 1], axis=0, return_counts=True)
+    assert stats.chisquare(counts).pvalue > 0.001

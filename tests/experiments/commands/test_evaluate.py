@@ -20,6 +20,7 @@ def test_policies_score_alike_again_and_in_the_c_engine(finished, tmp_path, tiny
 
 def test_a_run_without_policies_is_refused(finished, run, capsys):
     shutil.rmtree(finished / "checkpoints")
+    shutil.rmtree(finished / "policy")
     assert run("evaluate", finished) == 2
     assert "has lost its last checkpoint" in capsys.readouterr().err
     (finished / "summary.json").unlink()
