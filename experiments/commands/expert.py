@@ -14,7 +14,7 @@ from eairl_jax.experiments.display.console import Line, print_table, say
 from eairl_jax.experiments.display.plots import Curve, plot
 from eairl_jax.experiments.options import Expert
 from eairl_jax.experiments.paper import published
-from eairl_jax.experiments.pipeline import divergence, policies, records
+from eairl_jax.experiments.pipeline import divergence, policies, records, run_page
 from eairl_jax.experiments.pipeline.experiment import checked_seeds, explain_defaults, make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.train import LEARN, RUNS, Lane, lane_keys, scores, train
@@ -53,8 +53,11 @@ def run(options: Expert, command_line: str) -> None:
         plot(folder.path / "curves.png", f"Experts of {task}", [curve])
         shutil.rmtree(folder.path / "policy", ignore_errors=True)
         folder.write_summary(summary)
+        (folder.path / run_page.PAGE).unlink(missing_ok=True)
     if folder.is_writable():
         policies.keep(folder.path)
+        if not (folder.path / run_page.PAGE).exists():
+            run_page.write(folder.path)
     figures = [published.figure(table, task, "expert") for table in (published.IMITATION, published.TRANSFER)]
     further = summary.get("more_iterations", 0)
     note = divergence.note(summary.get("dropped", []), seeds)

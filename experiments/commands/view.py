@@ -7,7 +7,7 @@ from eairl_jax.experiments.display.console import console, say
 from eairl_jax.experiments.display.episode_page import page
 from eairl_jax.experiments.display.render import draw
 from eairl_jax.experiments.options import View
-from eairl_jax.experiments.pipeline import policies
+from eairl_jax.experiments.pipeline import policies, run_page
 from eairl_jax.experiments.pipeline.episodes import check_drawable, play
 from eairl_jax.experiments.pipeline.run_folder import check_writable
 
@@ -44,3 +44,5 @@ def run(options: View, command_line: str) -> None:
         )
     else:
         say(f"{folder}/frames.png: from left to right, then down; {folder}/episode.gif: the whole episode")
+    if folder == options.run_folder / "view" and (options.run_folder / run_page.PAGE).is_file():
+        run_page.write(options.run_folder)  # which now shows the episode

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 
-from eairl_jax import LearnedReward, load_reward
-from eairl_jax.envs.mjx_task import MjxTask
+from eairl_jax import load_reward
 from eairl_jax.experiments.display import render
 from eairl_jax.experiments.display.console import say
+from eairl_jax.experiments.display.planar import draw_reward, draw_walls
 from eairl_jax.experiments.display.plots import Curve, figure_of, plot, save
 from eairl_jax.experiments.paper import results
 from eairl_jax.experiments.pipeline import policies
@@ -19,7 +18,6 @@ from eairl_jax.experiments.pipeline.episodes import play
 from eairl_jax.experiments.pipeline.experiment import transfer_folder_name
 from eairl_jax.experiments.pipeline.run import Result, learning_path
 
-GRID = 70  # points on a side of a heat map
 SHOWN = "eairl-separable"
 """The method whose gaits are shown, if it was trained. It is not chosen by its score."""
 
@@ -101,31 +99,14 @@ def maze_paths(folder: Path, transfer: list[Result], out: Path) -> None:
         reward = load_reward(folders[1] / "reward")
         for axis, run in zip(axes[:, column], folders, strict=True):
             agents = policies.load(run)
-            _draw_reward(axis, agents.env, reward)
-            _draw_walls(axis, agents.env)
+            draw_reward(axis, agents.env, reward)
+            draw_walls(axis, agents.env)
             for path in play(agents).qpos:
                 axis.plot(*path.T, color="white", lw=1.2, alpha=0.9)
         axes[0, column].set_title(f"{results.title(result.name)}\n{result.mean:.1f} in the target", fontsize=9)
     path = folder / f"appendix-c-{task}.png"
     save(figure, path, dpi=110)
     say(f"{path}")
-
-
-def _draw_reward(axis, env: MjxTask, reward: LearnedReward) -> None:
-    centre, reach = np.array(env.obs_mean), np.array(env.obs_std)
-    low, high = centre - reach, centre + reach
-    x, y = np.meshgrid(*np.linspace(low, high, GRID).T)
-    positions = jnp.stack([jnp.asarray(x), jnp.asarray(y)], axis=-1)
-    values = reward(positions, jnp.zeros((*positions.shape[:-1], 2)))
-    axis.imshow(values, origin="lower", extent=(low[0], high[0], low[1], high[1]), cmap="viridis")
-    axis.set(xticks=[], yticks=[], xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-
-
-def _draw_walls(axis, env: MjxTask) -> None:
-    barrier, goal = env.model.geom("barrier"), env.model.geom("goal")
-    half = float(barrier.size[1])
-    axis.plot([barrier.pos[0] - half, barrier.pos[0] + half], [barrier.pos[1]] * 2, color="black", lw=4)
-    axis.plot(*goal.pos[:2], "o", color="tab:green", ms=7)
 
 
 def gaits(folder: Path, transfer: list[Result], out: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from eairl_jax import InputError
 from eairl_jax.experiments.display.console import console
+from eairl_jax.experiments.display.page import data_url
 from eairl_jax.experiments.paper import published, report_figures, report_tables, results, tables
 from eairl_jax.experiments.paper.claims import VERDICTS, claims, improvements
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, missing
@@ -125,7 +126,7 @@ def _pictures(results_of: dict[str, list[Result]], folder: Path) -> dict:
         "pictures": [
             {
                 "caption": report_tables.caption(path.stem.removeprefix("appendix-c-"), transfers),
-                "url": report_figures.data_url(path.read_bytes(), "png"),
+                "url": data_url(path.read_bytes(), "png"),
             }
             for path in sorted(folder.glob("appendix-c-*.png"))
         ],

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import io
 from collections.abc import Sequence
 
 import numpy as np
 
+from eairl_jax.experiments.display.page import data_url
 from eairl_jax.experiments.display.plots import curve_figure, figure_of, literal
 from eairl_jax.experiments.paper import results, tables
 from eairl_jax.experiments.paper.figures import learning_curves
@@ -103,11 +103,6 @@ def closeness(measured: Sequence[Result]) -> str:
     axes[0, 0].set_ylabel("normalised return")
     figure.legend(loc="outside lower center", ncols=6, frameon=False, fontsize=8)
     return _svg(figure)
-
-
-def data_url(data: bytes, kind: str) -> str:
-    """An image inside the page; `kind` is "png" or "svg+xml"."""
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 
 
 def _svg(figure) -> str:

@@ -45,14 +45,14 @@ MACHINE = schema.record(
     {"date": schema.text, "device": schema.text, "devices": _count, "versions": schema.table_of(schema.text)}
 )
 _reason = {"training": schema.text, "quantity": schema.text, "iteration": _count, "value": schema.text}
-_dropped = schema.list_of(schema.record({"seed": _seed, **_reason}))
-DROPPED = schema.record({"dropped": _dropped})
+DROPPED_LIST = schema.list_of(schema.record({"seed": _seed, **_reason}))
+DROPPED = schema.record({"dropped": DROPPED_LIST})
 SECONDS = schema.record({"compile_seconds": schema.number(0.0), "run_seconds": schema.number(0.0)})
 LEARNING = schema.record({"imitation_returns": _perhaps})  # null: the seed was dropped
 CEILING = schema.record({"returns": _numbers})
 EXPERT = schema.record(
     {"returns": _numbers, "returns_mean_action": _numbers, "env_steps": schema.whole(0)},
-    {"dropped": _dropped, "more_iterations": schema.whole(0, 2**31 - 1)},
+    {"dropped": DROPPED_LIST, "more_iterations": schema.whole(0, 2**31 - 1)},
 )
 END = schema.record({}, {"more_iterations": schema.whole(0, 2**31 - 1)})
 PLANS = schema.record({"learned_per_step": _perhaps})

@@ -17,8 +17,9 @@ import numpy as np
 
 from eairl_jax import InputError, LearnedReward, load_reward, save_reward, schema, storage
 from eairl_jax.envs.names import file_name
+from eairl_jax.experiments.display import planar
 from eairl_jax.experiments.display.plots import Curve, plot, plot_sweep
-from eairl_jax.experiments.pipeline import divergence, more_seeds, policies, records, stages
+from eairl_jax.experiments.pipeline import divergence, more_seeds, policies, records, run_page, stages
 from eairl_jax.experiments.pipeline.experiment import Experiment, Reference, Target, Use
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, machine, peak_memory_gb, settings_digest
 from eairl_jax.experiments.pipeline.train import Lane, scores
@@ -251,8 +252,12 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
         return result
     if not (folder.path / "curves.png").exists():
         _draw(experiment, folder, result)
+    if not (folder.path / "reward.png").exists():
+        _draw_reward(folder.path, experiment)
     if not experiment.points and not (experiment.use and experiment.use.rule.kind == "policy"):
         policies.keep(folder.path)
+    if not (folder.path / run_page.PAGE).exists():
+        run_page.write(folder.path)
     return result
 
 
@@ -304,8 +309,9 @@ def _with_more_seeds(experiment: Experiment, folder: RunFolder, result: Result, 
 
 
 def _forget_pictures(folder: RunFolder) -> None:
-    """Removes what is made again from a new result: the figure and the policy."""
-    (folder.path / "curves.png").unlink(missing_ok=True)
+    """Removes what is made again from a new result: figures, page and policy."""
+    for name in ("curves.png", "reward.png", run_page.PAGE):
+        (folder.path / name).unlink(missing_ok=True)
     shutil.rmtree(folder.path / "policy", ignore_errors=True)
 
 
@@ -422,6 +428,7 @@ def reuse(
     title = f"{name}: {result.task} to {target.task}"
     plot(folder.path / "curves.png", title, [_retraining_curve(target, scored.curves, result.ceiling)])
     policies.keep(folder.path)
+    run_page.write(folder.path)
     return result
 
 
@@ -481,6 +488,15 @@ def _draw(experiment: Experiment, folder: RunFolder, result: Result) -> None:
         returns = stages.kept_curves(folder, target, len(experiment.seeds))[divergence.kept_seeds(folder)]
         curves.append(_retraining_curve(target, returns, result.ceiling))
         plot(path, f"{experiment.name}: {source} to {target.task}", curves)
+
+
+def _draw_reward(path: Path, experiment: Experiment) -> None:
+    """Saves `reward.png` if the states of the task are positions in the plane."""
+    env = experiment.use.target.env if experiment.use else experiment.source.env
+    if planar.is_planar(env) and (path / "reward" / "reward.json").is_file():
+        planar.plot_rewards(
+            path / "reward.png", f"{experiment.name}: learned reward", env, load_reward(path / "reward")
+        )
 
 
 def draw_sweeps(path: Path, title: str, sweeps: Sequence[tuple[Experiment, Path, Result]]) -> None:

@@ -321,7 +321,7 @@ def _essential(settings: dict) -> dict:
 
     A setting that is new in this version is thus absent both here and in the `config.json` of an older version's run.
     """
-    return {name: value for name, value in _flat(settings).items() if value is None or value != _default(name)}
+    return {name: value for name, value in flat(settings).items() if value is None or value != _default(name)}
 
 
 def _default(name: str) -> Any:
@@ -335,11 +335,12 @@ def _default(name: str) -> Any:
     return list(default) if isinstance(default, tuple) else default
 
 
-def _flat(tree: dict, prefix: str = "") -> dict:
-    flat = {}
+def flat(tree: dict, prefix: str = "") -> dict:
+    """A tree of settings as one dict: `config.gamma` for the member `gamma` of the member `config`."""
+    leaves = {}
     for key, value in tree.items():
         if isinstance(value, dict):
-            flat |= _flat(value, f"{prefix}{key}.")
+            leaves |= flat(value, f"{prefix}{key}.")
         else:
-            flat[prefix + key] = list(value) if isinstance(value, tuple) else value
-    return flat
+            leaves[prefix + key] = list(value) if isinstance(value, tuple) else value
+    return leaves

@@ -1,9 +1,7 @@
 """The paper's figures: which results they show."""
 
 import numpy as np
-import pytest
 
-from eairl_jax import envs
 from eairl_jax.experiments.paper import figures
 
 MAZES = ("point_maze_left", "point_maze_right")
@@ -54,22 +52,6 @@ def test_appendix_c_draws_mazes_and_ants_each_in_their_way(make_result, tmp_path
     ]
     figures.appendix_c(results, tmp_path, tmp_path, ())
     assert sorted(drawn) == [("gaits", 1), ("maze_paths", 2)]
-
-
-@pytest.mark.parametrize("task", MAZES)
-def test_the_reward_is_drawn_over_the_whole_arena_and_the_walls_where_the_model_has_them(task):
-    from matplotlib.figure import Figure
-
-    env, axis = envs.make(task), Figure().subplots()
-    figures._draw_reward(axis, env, lambda obs, action: obs[..., 0])
-    figures._draw_walls(axis, env)
-    (image,) = axis.images
-    values = image.get_array()
-    assert values.shape == (figures.GRID, figures.GRID)
-    assert np.all(np.diff(values, axis=1) > 0)  # x grows to the right
-    barrier, goal = axis.lines
-    np.testing.assert_allclose(np.mean(barrier.get_xdata()), env.model.geom("barrier").pos[0])
-    np.testing.assert_allclose(goal.get_xydata()[0], env.model.geom("goal").pos[:2])
 
 
 def test_axes_that_share_a_scale_show_everything():
