@@ -86,12 +86,14 @@ class Contents:
         return {name: x[seed] for name, x in self.arrays.items()}
 
 
-def mlp_shapes(path: str, inputs: int, hidden: tuple[int, ...], outputs: int) -> Shapes:
+def mlp_shapes(path: str, inputs: int, hidden: tuple[int, ...], outputs: int, layer_norm: bool) -> Shapes:
     """The weights of a multilayer perceptron (`nets.MLP`)."""
     shapes: Shapes = {}
     widths = (inputs, *hidden, outputs)
     for i, (before, after) in enumerate(itertools.pairwise(widths)):
         shapes |= {f"{path}/MLP_0/Dense_{i}/kernel": (before, after), f"{path}/MLP_0/Dense_{i}/bias": (after,)}
+    for i, width in enumerate(hidden if layer_norm else ()):
+        shapes |= {f"{path}/MLP_0/LayerNorm_{i}/{name}": (width,) for name in ("scale", "bias")}
     return shapes
 
 
@@ -104,17 +106,18 @@ def reward_shapes(config: Config, obs_size: int, action_size: int) -> Shapes:
     """The arrays of `irl.RewardParams`."""
     config = with_method_defaults(config)
     form, part = config.reward_form, config.action_part
-    shapes = mlp_shapes("params/g/params", obs_size + (action_size if form == "sa" else 0), config.hidden, 1)
+    net = config.hidden, 1, config.layer_norm
+    shapes = mlp_shapes("params/g/params", obs_size + (action_size if form == "sa" else 0), *net)
     if form == "separable":
-        net = part == "net"
-        shapes |= mlp_shapes("params/k/params", action_size, config.hidden, 1) if net else {"params/k/raw_cost": ()}
+        quadratic = part == "quadratic"
+        shapes |= {"params/k/raw_cost": ()} if quadratic else mlp_shapes("params/k/params", action_size, *net)
     return shapes | stats_shapes(obs_size)
 
 
 def policy_shapes(config: Config, obs_size: int, action_size: int) -> Shapes:
     """The arrays of `saved_policy.PolicyParams`."""
     outputs = 2 * action_size if config.state_dependent_std else action_size
-    shapes = mlp_shapes("actor/params", obs_size, config.policy_hidden, outputs)
+    shapes = mlp_shapes("actor/params", obs_size, config.policy_hidden, outputs, config.policy_layer_norm)
     if not config.state_dependent_std:
         shapes["actor/params/raw_log_std"] = (action_size,)
     return shapes | {"log_std_offset": ()} | stats_shapes(obs_size)

@@ -15,6 +15,8 @@ from eairl_jax.schema import listed, shown
 
 MOST_LAYERS, LARGEST_WIDTH = 100, 2**16
 LOG_STD = Range(-30.0, 30.0)
+LAYER_NORM_EPSILON = 1e-6
+"""Is added to the variance of a hidden layer, so that a layer of equal values can be normalised."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,11 @@ class Config:
     policy_activation: str = "default"
     """Activation of the policy and the inverse model: the name of a function in `jax.nn`, or "default" ("relu", as in
     Appendix D.1)."""
+    layer_norm: bool = False
+    """Whether each hidden layer of the reward, the potentials and the value function is normalised before its
+    activation (layer normalisation, Ba et al. 2016)."""
+    policy_layer_norm: bool = False
+    """Whether each hidden layer of the policy and of the inverse model is normalised before its activation."""
     state_dependent_std: bool = False
     """Whether the stds of the policy and of the inverse model depend on their inputs."""
     actions: str = "sampled"
@@ -223,6 +230,13 @@ class Config:
         low, start, high = self.log_std_min, self.log_std_init, self.log_std_max
         if not low < start < high:
             raise InputError(f"log_std_init = {start} must lie between log_std_min = {low} and log_std_max = {high}")
+        normalised = {"hidden": self.layer_norm, "value_hidden": self.layer_norm}
+        for name, is_on in (normalised | {"policy_hidden": self.policy_layer_norm}).items():
+            if is_on and 1 in getattr(self, name):
+                raise InputError(
+                    f"{name} = {shown(getattr(self, name))}: layer normalisation makes a layer of width 1 a constant; "
+                    "expected widths of at least 2, or no layer normalisation"
+                )
 
 
 AT_LEAST_1 = (

@@ -9,7 +9,7 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
-from eairl_jax.config import Config
+from eairl_jax.config import LAYER_NORM_EPSILON, Config
 from eairl_jax.gaussian import Censored, Gaussian
 
 
@@ -21,18 +21,22 @@ class MLP(nn.Module):
       out: width of the last layer, which is linear.
       activation: the name of a function in `jax.nn`.
       out_scale: scale of the initial weights of the last layer.
+      layer_norm: whether each hidden layer is normalised before its activation.
     """
 
     hidden: tuple[int, ...]
     out: int
     activation: str
     out_scale: float = 1.0
+    layer_norm: bool = False
 
     @nn.compact
     def __call__(self, x):
         activation = getattr(jax.nn, self.activation)
         for width in self.hidden:
-            x = activation(nn.Dense(width, kernel_init=nn.initializers.orthogonal(math.sqrt(2)))(x))
+            x = nn.Dense(width, kernel_init=nn.initializers.orthogonal(math.sqrt(2)))(x)
+            x = nn.LayerNorm(epsilon=LAYER_NORM_EPSILON, use_fast_variance=False)(x) if self.layer_norm else x
+            x = activation(x)
         return nn.Dense(self.out, kernel_init=nn.initializers.orthogonal(self.out_scale))(x)
 
 
@@ -41,10 +45,13 @@ class Scalar(nn.Module):
 
     hidden: tuple[int, ...]
     activation: str
+    layer_norm: bool = False
 
     @nn.compact
     def __call__(self, *inputs):
-        return MLP(self.hidden, 1, self.activation)(jnp.concatenate(inputs, axis=-1))[..., 0]
+        return MLP(self.hidden, 1, self.activation, layer_norm=self.layer_norm)(jnp.concatenate(inputs, axis=-1))[
+            ..., 0
+        ]
 
 
 class GaussianMLP(nn.Module):
@@ -66,7 +73,7 @@ class GaussianMLP(nn.Module):
         outputs = 2 * self.action_size if config.state_dependent_std else self.action_size
         activation = "relu" if config.policy_activation == "default" else config.policy_activation
         # With small weights in the last layer the first policy acts around 0 at every state, at any scale of obs.
-        out = MLP(config.policy_hidden, outputs, activation, out_scale=0.01)(x)
+        out = MLP(config.policy_hidden, outputs, activation, out_scale=0.01, layer_norm=config.policy_layer_norm)(x)
         if config.state_dependent_std:
             mean, raw = jnp.split(out, 2, axis=-1)
         else:
@@ -94,9 +101,9 @@ def apply(net: nn.Module, params: Any, *inputs: jax.Array) -> Any:
 
 def scalar(config: Config) -> Scalar:
     """The network of the reward and of every potential (Appendix D.1)."""
-    return Scalar(config.hidden, config.activation)
+    return Scalar(config.hidden, config.activation, config.layer_norm)
 
 
 def value(config: Config) -> Scalar:
     """The network of the value function."""
-    return Scalar(config.value_hidden, config.activation)
+    return Scalar(config.value_hidden, config.activation, config.layer_norm)

@@ -15,6 +15,7 @@ import numpy as np
 
 from eairl_jax import artefacts
 from eairl_jax.artefacts import POLICY, REWARD, STATS, Contents
+from eairl_jax.config import LAYER_NORM_EPSILON
 from eairl_jax.errors import InputError
 from eairl_jax.methods import with_method_defaults
 
@@ -79,6 +80,13 @@ ACTIVATIONS: dict[str, Callable[[Array], Array]] = {
 """The functions of `jax.nn` in `config.ACTIVATIONS`."""
 
 
+def layer_norm(x: Array, scale: Array, bias: Array) -> Array:
+    """`[..., width]` with mean 0 and variance 1 over the last axis, times `scale`, plus `bias`."""
+    x = x - x.mean(axis=-1, keepdims=True)
+    var = np.mean(x * x, axis=-1, keepdims=True)
+    return x / np.sqrt(var + np.float32(LAYER_NORM_EPSILON)) * scale + bias
+
+
 class MLP:
     """A multilayer perceptron, `[..., in] -> [..., out]` (`nets.MLP`).
 
@@ -92,11 +100,18 @@ class MLP:
         count = sum(name.startswith(f"{path}/MLP_0/") and name.endswith("/kernel") for name in arrays)
         layers = [f"{path}/MLP_0/Dense_{i}" for i in range(count)]
         self._layers = [tuple(np.asarray(arrays[f"{d}/{x}"], np.float32) for x in ("kernel", "bias")) for d in layers]
+        self._norms = [
+            tuple(np.asarray(arrays[f"{path}/MLP_0/LayerNorm_{i}/{x}"], np.float32) for x in ("scale", "bias"))
+            if f"{path}/MLP_0/LayerNorm_{i}/scale" in arrays
+            else None
+            for i in range(count - 1)
+        ]
         self._activation = ACTIVATIONS[activation]
 
     def __call__(self, x: Array) -> Array:
-        for kernel, bias in self._layers[:-1]:
-            x = self._activation(x @ kernel + bias)
+        for (kernel, bias), norm in zip(self._layers[:-1], self._norms, strict=True):
+            x = x @ kernel + bias
+            x = self._activation(x if norm is None else layer_norm(x, *norm))
         kernel, bias = self._layers[-1]
         return x @ kernel + bias
 

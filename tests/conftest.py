@@ -182,10 +182,14 @@ def mlp():
     def apply(params, *inputs):
         layers = params["params"]["MLP_0"]
         x = np.concatenate([np.asarray(i, np.float64) for i in inputs], axis=-1)
-        for i in range(len(layers)):
-            layer = layers[f"Dense_{i}"]
+        last = sum(name.startswith("Dense") for name in layers) - 1
+        for i in range(last + 1):
+            layer, norm = layers[f"Dense_{i}"], layers.get(f"LayerNorm_{i}")
             x = x @ np.asarray(layer["kernel"], np.float64) + np.asarray(layer["bias"], np.float64)
-            x = np.maximum(x, 0.0) if i < len(layers) - 1 else x
+            if norm:
+                mean, var = x.mean(axis=-1, keepdims=True), x.var(axis=-1, keepdims=True)
+                x = (x - mean) / np.sqrt(var + 1e-6) * np.asarray(norm["scale"]) + np.asarray(norm["bias"])
+            x = np.maximum(x, 0.0) if i < last else x
         return x
 
     return apply

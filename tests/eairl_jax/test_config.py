@@ -80,6 +80,15 @@ def test_the_first_std_lies_between_its_bounds(init):
         Config(log_std_init=init)
 
 
+@pytest.mark.parametrize(("norm", "widths"), [
+    ("layer_norm", "hidden"), ("layer_norm", "value_hidden"), ("policy_layer_norm", "policy_hidden"),
+])  # fmt: skip
+def test_a_normalised_layer_has_more_than_one_unit(norm, widths):
+    assert getattr(Config(**{widths: (4, 1)}), widths) == (4, 1)
+    with pytest.raises(InputError, match=rf"{widths} = \(4, 1\): layer normalisation makes a layer of width 1"):
+        Config(**{widths: (4, 1), norm: True})
+
+
 def test_a_good_configuration_is_accepted_hashable_and_counts_its_steps():
     config = Config(num_envs=8, rollout_length=30, ppo_minibatches=6)
     assert config.steps_per_iteration == 240

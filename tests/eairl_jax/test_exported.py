@@ -56,8 +56,21 @@ def learned_things():
         yield f"reward-{name}", load_reward(GOLDEN / "rewards" / name)
     sa = load_reward(GOLDEN / "rewards" / "sa")
     yield "reward-clipped", type(sa)(sa.description, dataclasses.replace(sa.config, actions="clipped"), sa.params)
+    yield "reward-layer norm", with_layer_norm(sa)
     for name in POLICIES:
         yield f"policy-{name}", load_policy(GOLDEN / "policies" / name)
+
+
+def with_layer_norm(reward):
+    """A reward whose hidden layers are normalised, with the weights of another."""
+    params, rng = reward.params.params, np.random.default_rng(0)
+    seeds, layers = len(reward.description["seeds"]), dict(params["g"]["params"]["MLP_0"])
+    for i, width in enumerate(reward.config.hidden):
+        layers[f"LayerNorm_{i}"] = {
+            name: rng.normal(size=(seeds, width)).astype(np.float32) for name in ("scale", "bias")
+        }
+    params = dataclasses.replace(reward.params, params={"g": {"params": {"MLP_0": layers}}})
+    return type(reward)(reward.description, dataclasses.replace(reward.config, layer_norm=True), params)
 
 
 def inputs():

@@ -55,7 +55,7 @@ def phis(before, after):
 WHOLE = {"gan_gcl": {"rollout_length": 5}, "eairl_release": {"num_envs": 1}}
 CASES = [
     *({"method": name} | WHOLE.get(name, {}) for name in METHODS),
-    {"shaping": "both", "reward_obs": "raw"},
+    {"shaping": "both", "reward_obs": "raw", "layer_norm": True, "policy_layer_norm": True},
     {"l_i_in": "reward"},
 ]
 

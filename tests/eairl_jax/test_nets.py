@@ -51,6 +51,22 @@ def test_the_first_policy_acts_around_0_with_the_first_std(tiny, state_dependent
     assert (moves == state_dependent).all()
 
 
+@pytest.mark.parametrize(("make", "setting"), [
+    (nets.scalar, "layer_norm"), (nets.value, "layer_norm"),
+    (lambda config: nets.GaussianMLP(2, config), "policy_layer_norm"),
+])  # fmt: skip
+def test_a_normalised_layer_ignores_the_scale_of_its_input(tiny, make, setting):
+    """With inputs that add up to 0 and no bias, twice the input is the same normalised layer."""
+    obs = jnp.asarray(np.random.default_rng(0).normal(size=(6, 4)))
+    for is_on in (False, True):
+        net = make(tiny(**{setting: is_on}))
+        params = net.init(jax.random.PRNGKey(0), obs)
+        assert ("LayerNorm_0" in params["params"]["MLP_0"]) == is_on
+        out, doubled = (np.asarray(getattr(x, "mean", x)) if hasattr(x, "log_std") else np.asarray(x)
+                        for x in (net.apply(params, obs), net.apply(params, 2 * obs)))  # fmt: skip
+        assert np.allclose(out, doubled, rtol=1e-3, atol=1e-6) == is_on
+
+
 @pytest.mark.parametrize(("make", "widths"), [(nets.scalar, (5, 3)), (nets.value, (7,))])
 def test_a_scalar_network_is_the_perceptron_that_its_parameters_say(tiny, mlp, make, widths):
     net, rng = make(tiny(hidden=(5, 3), value_hidden=(7,))), np.random.default_rng(0)

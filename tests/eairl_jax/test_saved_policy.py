@@ -17,6 +17,7 @@ FORMS = {
     "clipped": {"actions": "clipped"},
     "its own stds": {"state_dependent_std": True, "policy_activation": "tanh"},
     "absorbing": {"horizon": "absorbing"},
+    "layer norm": {"policy_layer_norm": True},
 }
 
 

@@ -1,5 +1,6 @@
 """A learned reward on disk is the reward that was learned."""
 
+import dataclasses
 import json
 
 import jax
@@ -20,9 +21,11 @@ OBS, ACTION = RNG.normal(3.0, 2.0, size=(2, 7, 4)), RNG.normal(size=(2, 7, 2))
 def learned(tiny):
     """A reward of two seeds, whose normalisers differ."""
 
-    def make(form="sa", part="net"):
-        config = tiny(reward_form=form, action_part=part, hidden=(6, 5))
+    def make(form="sa", part="net", **changes):
+        config = tiny(reward_form=form, action_part=part, hidden=(6, 5), **changes)
         params = [discriminator.init(jax.random.PRNGKey(i), 4, 2, with_method_defaults(config)) for i in range(2)]
+        if config.layer_norm:  # the first scales are 1 and the first biases 0
+            params = [jax.tree.map(lambda x: x + RNG.normal(size=x.shape).astype(x.dtype), each) for each in params]
         stats = [ObsStats(jnp.full(4, 3.0 * i), jnp.full(4, 4.0), jnp.zeros(())) for i in range(2)]
         rewards = [{name: each[name] for name in ("g", "k") if name in each} for each in params]
         rows = map(RewardParams, rewards, stats)
@@ -51,6 +54,21 @@ def test_a_round_trip_gives_the_same_rewards_for_raw_observations(tmp_path, lear
         np.testing.assert_array_equal(given, reward(OBS, ACTION, seed))
         np.testing.assert_allclose(given, numpy_reward(params, (OBS - 3.0 * seed) / 2, ACTION), atol=1e-4)
     assert np.abs(loaded(OBS, ACTION, 0) - loaded(OBS, ACTION, 1)).max() > 0.01
+
+
+@pytest.mark.parametrize("form", ["sa", "separable"])
+def test_a_reward_of_normalised_layers_is_the_same_in_jax_in_numpy_and_on_disk(tmp_path, learned, numpy_reward, form):
+    reward = learned(form, layer_norm=True)
+    save_reward(tmp_path, reward)
+    loaded = load_reward(tmp_path)
+    for seed in range(2):
+        params = jax.tree.map(lambda x, seed=seed: x[seed], reward.params.params)
+        expected = numpy_reward(params, (OBS - 3.0 * seed) / 2, ACTION)
+        np.testing.assert_allclose(loaded(OBS, ACTION, seed), expected, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(loaded.numpy(seed)(OBS, ACTION), loaded(OBS, ACTION, seed), rtol=1e-5, atol=1e-5)
+    plain = LearnedReward(reward.description, dataclasses.replace(reward.config, layer_norm=False), reward.params)
+    with pytest.raises(InputError, match=r"LayerNorm_0/bias.*, which no network has"):
+        save_reward(tmp_path / "plain", plain)
 
 
 @pytest.mark.parametrize(("obs_size", "action_size"), [(3, 2), (4, 6), (3, 1)])

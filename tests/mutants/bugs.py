@@ -480,6 +480,20 @@ LIBRARY = bugs_of(
         "eairl_jax/test_exported.py",
     ),
     (
+        "numpy-layer-norm-of-another-epsilon",
+        "numpy_nets.py",
+        "np.sqrt(var + np.float32(LAYER_NORM_EPSILON)) * scale + bias",
+        "np.sqrt(var + np.float32(1e-2)) * scale + bias",
+        "eairl_jax/test_saved_reward.py",
+    ),
+    (
+        "value-function-without-layer-norm",
+        "nets.py",
+        "config.value_hidden, config.activation, config.layer_norm",
+        "config.value_hidden, config.activation, False",
+        "eairl_jax/test_nets.py",
+    ),
+    (
         "numpy-policy-of-another-std",
         "numpy_nets.py",
         "action = action + std * rng",
