@@ -17,6 +17,7 @@ from .irl import reward_function as reward_function
 from .lanes import Lanes as Lanes
 from .lanes import scan as scan
 from .methods import METHODS as METHODS
+from .named_networks import NETWORKS as NETWORKS
 from .rl import make_rl as make_rl
 from .saved_policy import LearnedPolicy as LearnedPolicy
 from .saved_policy import PolicyParams as PolicyParams

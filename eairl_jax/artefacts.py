@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import importlib
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from eairl_jax import arguments, schema, storage
+from eairl_jax import arguments, named_networks, schema, storage
 from eairl_jax.config import Config
 from eairl_jax.errors import InputError
 from eairl_jax.methods import BUILT_IN, METHODS, with_method_defaults
@@ -97,6 +98,19 @@ def mlp_shapes(path: str, inputs: int, hidden: tuple[int, ...], outputs: int, la
     return shapes
 
 
+def scalar_shapes(path: str, inputs: int, config: Config) -> Shapes:
+    """The weights of the network of a reward (`nets.scalar`) in the arrays below `path`.
+
+    Raises:
+      InputError: if the settings name a network that the program does not know.
+    """
+    if config.net == named_networks.MLP:
+        return mlp_shapes(f"{path}/params", inputs, config.hidden, 1, config.layer_norm)
+    named_networks.network(config.net)
+    nets = importlib.import_module("eairl_jax.nets")  # imports jax, which no other network needs
+    return {f"{path}/{name}": shape for name, shape in nets.scalar(config).shapes(inputs).items()}
+
+
 def stats_shapes(obs_size: int) -> Shapes:
     """The normaliser of observations (`normalize.ObsStats`)."""
     return {f"{STATS}/mean": (obs_size,), f"{STATS}/var": (obs_size,), f"{STATS}/count": ()}
@@ -106,11 +120,10 @@ def reward_shapes(config: Config, obs_size: int, action_size: int) -> Shapes:
     """The arrays of `irl.RewardParams`."""
     config = with_method_defaults(config)
     form, part = config.reward_form, config.action_part
-    net = config.hidden, 1, config.layer_norm
-    shapes = mlp_shapes("params/g/params", obs_size + (action_size if form == "sa" else 0), *net)
+    shapes = scalar_shapes("params/g", obs_size + (action_size if form == "sa" else 0), config)
     if form == "separable":
         quadratic = part == "quadratic"
-        shapes |= {"params/k/raw_cost": ()} if quadratic else mlp_shapes("params/k/params", action_size, *net)
+        shapes |= {"params/k/raw_cost": ()} if quadratic else scalar_shapes("params/k", action_size, config)
     return shapes | stats_shapes(obs_size)
 
 
@@ -146,8 +159,11 @@ def write(directory: Path, kind: Kind, contents: Contents) -> None:
     storage.write_json(directory / f"{kind.noun}.json", storage.sealed(content, contents.arrays))
 
 
-def read(directory: Path | str, kind: Kind) -> Contents:
+def read(directory: Path | str, kind: Kind, net: Callable[[], Any] | None = None) -> Contents:
     """Reads both files.
+
+    Args:
+      net: the network that the settings name (`named_networks`), if the program does not know it yet.
 
     Raises:
       InputError: if the folder does not hold a complete artefact of the kind, or if the arrays do not fit the settings.
@@ -158,8 +174,11 @@ def read(directory: Path | str, kind: Kind) -> Contents:
     content = storage.read_json(path, advice=kind.again)
     plain = {name: value for name, value in content.items() if name not in (storage.CHECKSUM, storage.SEALED)}
     description, config = _checked_description(plain, kind, path)
+    if net is not None and config.net == named_networks.MLP:
+        raise InputError(f"{path} names no network of yours: leave net out")
     arrays = storage.read_arrays(path.with_suffix(".npz"))
-    _check_arrays(arrays, description, config, kind, path.with_suffix(".npz"))
+    with named_networks.known(config.net, net):
+        _check_arrays(arrays, description, config, kind, path.with_suffix(".npz"))
     storage.unsealed(content, Path(directory), arrays)
     return Contents(description, config, arrays)
 
@@ -218,7 +237,8 @@ def _check_arrays(
 ) -> None:
     """Raises `InputError` unless the arrays `[seeds, ...]` are finite, and those that the settings describe."""
     obs_size, seeds = _read_obs_size(arrays, description["obs_size"], config), len(description["seeds"])
-    needed = _shapes(kind, config, obs_size, description["action_size"])
+    network = named_networks.NETWORKS.get(config.net)
+    needed = _shapes(kind, config, obs_size, description["action_size"], network)
     missing, extra = sorted(set(needed) - set(arrays)), sorted(set(arrays) - set(needed))
     if missing or extra:
         what = f"lacks {schema.listed(missing)}" if missing else f"holds {schema.listed(extra)}, which no network has"
@@ -239,7 +259,8 @@ def _check_arrays(
 
 
 @functools.lru_cache(maxsize=256)
-def _shapes(kind: Kind, config: Config, obs_size: int, action_size: int) -> Shapes:
+def _shapes(kind: Kind, config: Config, obs_size: int, action_size: int, network: Any) -> Shapes:
+    del network  # what was computed for another network of the same name is not used
     return kind.shapes(config, obs_size, action_size)
 
 

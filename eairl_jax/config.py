@@ -48,6 +48,10 @@ class Config:
     # Networks. The paper uses two hidden layers of 32 ReLU units everywhere (Appendix D.1).
     hidden: tuple[int, ...] = (32, 32)
     """Widths of the hidden layers of the reward and of every potential (Phi and h)."""
+    net: str = "mlp"
+    """Network of the reward and of every potential. "mlp": a multilayer perceptron of the widths `hidden`. Or a flax
+    module of yours, by its import path: FILE.py:NAME in the commands, MODULE:NAME, or a key of `eairl_jax.NETWORKS`.
+    It maps `[..., n]` (observation and action in one vector) to `[...]`."""
     policy_hidden: tuple[int, ...] = (32, 32)
     """Widths of the hidden layers of the policy and of the inverse model."""
     value_hidden: tuple[int, ...] = (64, 64)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from eairl_jax import nets, train_state
+from eairl_jax import named_networks, nets, train_state
 from eairl_jax.config import Config
 from eairl_jax.methods import METHODS
 from eairl_jax.types import HParams, Key, Metrics, PyTree
@@ -51,6 +51,19 @@ class Samples(NamedTuple):
 def shaping(potential: jax.Array, next_potential: jax.Array, terminated: jax.Array, gamma) -> jax.Array:
     """`F = gamma (1 - terminated) potential(s') - potential(s)`, `[...]` (Ng et al. 1999)."""
     return gamma * (1.0 - terminated) * next_potential - potential
+
+
+def check_network(obs_size: int, action_size: int, config: Config) -> None:
+    """Makes the network known that `config.net` names (`named_networks.register`).
+
+    Raises:
+      InputError: if there is no such network, or if it cannot compute a reward or a potential.
+    """
+    named_networks.register(config.net)
+    net = nets.scalar(config)
+    if isinstance(net, nets.NamedScalar):
+        for size in (obs_size, obs_size + action_size):
+            net.shapes(size)
 
 
 def init(key: Key, obs_size: int, action_size: int, config: Config) -> PyTree:

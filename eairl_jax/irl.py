@@ -68,8 +68,8 @@ def make_irl(env: Env, config: Config) -> Algorithm:
     """Builds the adversarial method that `config.method` names; the `data` of its `step` is `Demonstrations`.
 
     Raises:
-      InputError: if the method is unknown, if the environment does not fit (`environment.check_env`), or if the method
-        discriminates whole trajectories and a rollout does not consist of whole episodes.
+      InputError: if the method or the network is unknown, if the environment does not fit (`environment.check_env`), or
+        if the method discriminates whole trajectories and a rollout does not consist of whole episodes.
     """
     check_env(env)
     config = horizon.resolved(env, methods.of_known_method(config), horizon.of_learned_reward(env))
@@ -77,12 +77,12 @@ def make_irl(env: Env, config: Config) -> Algorithm:
     env = horizon.learning_env(env, config)
     discriminator_data.check_whole_trajectories(env, config)
     obs_size, action_size = normalize.flat_size(env), env.action_size
+    discriminator.check_network(obs_size, action_size, config)
     optimizer, limit = make_optimizer(env, config), rollout.action_limit(env)
 
     def init(key: Key, hparams: HParams) -> IRLState:
         check_hparams(hparams)
-        key = arguments.one_key(key)
-        key, agent_key, emp_key, d_key = jax.random.split(key, 4)
+        key, agent_key, emp_key, d_key = jax.random.split(arguments.one_key(key), 4)
         emp = empowerment.init(emp_key, obs_size, action_size, config) if methods.uses_empowerment(config) else None
         return IRLState(
             key=key,

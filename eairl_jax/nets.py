@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
+from eairl_jax import named_networks
 from eairl_jax.config import LAYER_NORM_EPSILON, Config
+from eairl_jax.errors import InputError
 from eairl_jax.gaussian import Censored, Gaussian
+from eairl_jax.schema import shown
 
 
 class MLP(nn.Module):
@@ -94,13 +98,71 @@ class GaussianMLP(nn.Module):
         return low + (high - low) * jax.nn.sigmoid(steepness * raw + math.log(part / (1.0 - part)))
 
 
-def apply(net: nn.Module, params: Any, *inputs: jax.Array) -> Any:
+def apply(net: Any, params: Any, *inputs: jax.Array) -> Any:
     """The output of a network: `[...]` of a `Scalar`, a `Gaussian` of a `GaussianMLP`."""
     return net.apply(params, *inputs)
 
 
-def scalar(config: Config) -> Scalar:
-    """The network of the reward and of every potential (Appendix D.1)."""
+@dataclass(frozen=True)
+class NamedScalar:
+    """A network of a user's own in the place of a `Scalar`: `([..., in], ...) -> [...]`.
+
+    Attributes:
+      name: `Config.net`.
+      net: the user's flax module, `[..., in] -> [...]`.
+    """
+
+    name: str
+    net: nn.Module
+
+    def init(self, key: jax.Array, *inputs: jax.Array) -> Any:
+        """Fresh parameters."""
+        return self.net.init(key, jnp.concatenate(inputs, axis=-1))
+
+    def apply(self, params: Any, *inputs: jax.Array) -> Any:
+        """The network's output; several inputs are concatenated."""
+        return self.net.apply(params, jnp.concatenate(inputs, axis=-1))
+
+    def shapes(self, size: int) -> dict[str, tuple[int, ...]]:
+        """The shape of each parameter for inputs of length `size`, by its path.
+
+        Raises:
+          InputError: if the network is no flax module, if it has variables that are no parameters, or if it does not
+            map `[..., size]` to `[...]`.
+        """
+        if not isinstance(self.net, nn.Module):
+            raise InputError(f"net = {shown(self.name)} makes {shown(self.net)}: expected a flax.linen.Module")
+        try:
+            variables = jax.eval_shape(self.net.init, jax.random.PRNGKey(0), jnp.zeros((1, size)))
+            outputs = {
+                axes: jax.eval_shape(self.net.apply, variables, jnp.zeros((*axes, size))).shape
+                for axes in ((), (2,), (2, 3))
+            }
+        except Exception as e:  # whatever the user's code raises
+            raise InputError(
+                f"net = {shown(self.name)} cannot be computed for inputs of length {size}: {type(e).__name__}: "
+                f"{next(iter(str(e).splitlines()), '')}"
+            ) from e
+        if set(variables) != {"params"}:
+            raise InputError(f"net = {shown(self.name)} has {', '.join(sorted(variables))}: expected parameters alone")
+        for axes, shape in outputs.items():
+            if shape != axes:
+                raise InputError(
+                    f"net = {shown(self.name)} gives {shape} for inputs of shape {(*axes, size)}: expected {axes}, one "
+                    "number for each input"
+                )
+        leaves = jax.tree_util.tree_flatten_with_path(variables)[0]
+        return {"/".join(str(key.key) for key in path): leaf.shape for path, leaf in leaves}
+
+
+def scalar(config: Config) -> Scalar | NamedScalar:
+    """The network of the reward and of every potential (Appendix D.1, unless `config.net` names another).
+
+    Raises:
+      InputError: if `config.net` names a network that the program does not know.
+    """
+    if config.net != named_networks.MLP:
+        return NamedScalar(config.net, named_networks.network(config.net)())
     return Scalar(config.hidden, config.activation, config.layer_norm)
 
 

@@ -18,6 +18,8 @@ from eairl_jax.artefacts import POLICY, REWARD, STATS, Contents
 from eairl_jax.config import LAYER_NORM_EPSILON
 from eairl_jax.errors import InputError
 from eairl_jax.methods import with_method_defaults
+from eairl_jax.named_networks import MLP as MLP_NAME
+from eairl_jax.schema import shown
 
 Array = np.ndarray
 
@@ -142,6 +144,11 @@ class Reward:
 
     def __init__(self, contents: Contents, row: int):
         config, arrays = with_method_defaults(contents.config), contents.row(row)
+        if config.net != MLP_NAME:
+            raise InputError(
+                f"NumPy cannot compute the network {shown(config.net)}: use eairl_jax.load_reward, which computes by "
+                "jax, or the program that `eairl export` writes"
+            )
         self.description, self._form = contents.description, config.reward_form
         self._normalizer, self._is_raw = Normalizer(arrays), config.reward_obs == "raw"
         self._g = MLP(arrays, "params/g/params", config.activation)

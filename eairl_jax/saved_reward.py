@@ -175,19 +175,26 @@ def save_reward(directory: Path | str, reward: LearnedReward) -> None:
     artefacts.write(Path(directory), artefacts.REWARD, reward._contents())
 
 
-def load_reward(directory: Path | str, obs_size: int | None = None, action_size: int | None = None) -> LearnedReward:
+def load_reward(
+    directory: Path | str,
+    obs_size: int | None = None,
+    action_size: int | None = None,
+    net: Callable[[], Any] | None = None,
+) -> LearnedReward:
     """Reads a learned reward. The files may come from a stranger: nothing in them is executed.
 
     Args:
       directory: a folder that `save_reward` has written (`reward/` of a run).
       obs_size: length of the observations of the task where the reward will be used, if not None.
       action_size: length of the actions of that task, if not None.
+      net: of a reward with a network of a user's own (`Config.net`), that flax module. From then on the program knows
+        the network by its name (`eairl_jax.NETWORKS`).
 
     Raises:
-      InputError: if the folder does not hold a complete reward, if the parameters do not fit the settings, or if the
-        reward has other sizes.
+      InputError: if the folder does not hold a complete reward, if the parameters do not fit the settings, if the
+        reward has other sizes, or if it names a network that the program does not know.
     """
-    contents = artefacts.read(directory, artefacts.REWARD)
+    contents = artefacts.read(directory, artefacts.REWARD, net)
     tree = unflatten_dict(contents.arrays, sep="/")
     params = irl.RewardParams(tree["params"], ObsStats(**tree["obs_stats"]))
     reward = LearnedReward(contents.description, contents.config, params)

@@ -105,6 +105,14 @@ MoreSeeds = Annotated[
         "then hold all seeds."
     ),
 ]
+Net = Annotated[
+    str | None,
+    explained(
+        metavar="CODE",
+        help="Of a reward with a network of yours, that network: FILE.py:NAME or MODULE:NAME, as --set net=... named "
+        "it. No code is run because a saved reward names it.",
+    ),
+]
 Json = Annotated[Path | None, explained(metavar="FILE", help="Write all figures to this file as well.")]
 
 
@@ -272,6 +280,7 @@ class Transfer:
         Path | None,
         explained(metavar="DIR", help="Use this saved reward (the reward/ folder of a run) and learn none."),
     ] = None
+    net: Net = None
     track: Track = ()
     on_nan: OnNan = "stop"
     out: Annotated[Path | None, explained(metavar="DIR", help="Folder for the runs' folders. Default: runs/.")] = None
@@ -372,6 +381,7 @@ class Export:
         "stablehlo",
     )
     seed: Annotated[int | None, explained(help="A seed of the run. Default: the run's first.")] = None
+    net: Net = None
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from eairl_jax.envs.names import OWN, parse
 from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES, sections_of
 from eairl_jax.hparams import RANGES, check_hparams
 from eairl_jax.methods import METHODS, uses_empowerment, with_method_defaults
+from eairl_jax.named_networks import MLP
 
 
 @dataclass(frozen=True)
@@ -240,7 +241,7 @@ EMPOWERMENT = frozenset(
 )
 ADVERSARY = frozenset(
     {"discriminator_lr", "history", "history_length", "policy_reset_every", "shaping", "shaping_discount", "horizon"}
-    | {"reward_form", "reward_obs", "action_part", "discriminates", "update_order", "hidden"}
+    | {"reward_form", "reward_obs", "action_part", "discriminates", "update_order", "hidden", "net"}
     | {"gradient_penalty", "action_variance", "input_sparsity"}
 )
 TRPO = frozenset({"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"})
@@ -262,6 +263,8 @@ def unread_settings(config: Config) -> frozenset[str]:
     config = with_method_defaults(config)
     if config.reward_form != "separable":
         unread |= {"action_part"}
+    if config.net != MLP:
+        unread |= {"hidden"}
     return unread if uses_empowerment(config) else unread | EMPOWERMENT
 
 

@@ -8,6 +8,7 @@ from eairl_jax import InputError, export, load_policy, load_reward
 from eairl_jax.artefacts import POLICY, REWARD, Kind
 from eairl_jax.experiments.display.console import say
 from eairl_jax.experiments.options import Export
+from eairl_jax.experiments.pipeline import user_networks
 from eairl_jax.experiments.pipeline.policies import finished_settings
 from eairl_jax.schema import listed
 
@@ -18,6 +19,7 @@ def run(options: Export, command_line: str) -> None:
     """Prints the files that it writes."""
     path = options.run_folder
     finished_settings(path)
+    user_networks.register(options.net)
     for kind in _kinds(path, options.what):
         learned = LOAD[kind](path / kind.noun)
         seeds = learned.description["seeds"]

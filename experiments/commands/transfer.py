@@ -12,7 +12,7 @@ from eairl_jax.experiments.commands.saturation import warn_if_saturated
 from eairl_jax.experiments.display.console import Line, print_table, say, say_if_no_expert, with_references
 from eairl_jax.experiments.options import Transfer
 from eairl_jax.experiments.paper import published
-from eairl_jax.experiments.pipeline import divergence
+from eairl_jax.experiments.pipeline import divergence, user_networks
 from eairl_jax.experiments.pipeline.default_folder import changed_options, default_path
 from eairl_jax.experiments.pipeline.experiment import measured, refuse_other_sizes, target_of, transfers
 from eairl_jax.experiments.pipeline.run import Result, learning_folder, reuse
@@ -26,6 +26,8 @@ LEARNING = ("method", "reward_form", "tuned", "seeds", "first_seed", "rule", "de
 def run(options: Transfer, command_line: str) -> None:
     """Runs an experiment for each method, reward form and rule, and prints one table."""
     out = options.out or RUNS
+    if options.net and not options.reward:
+        raise InputError("--net is of a saved reward (--reward): to learn a reward with a network say --set net=...")
     results = [_reuse(options, out, command_line)] if options.reward else _learn_and_use(options, out, command_line)
     _print(options, results)
 
@@ -54,6 +56,7 @@ def _reuse(options: Transfer, out: Path, command_line: str) -> Result:
         )
     refuse_other_sizes(options.source, options.target)
     target = target_of(options)
+    user_networks.register(options.net)
     reward = load_reward(options.reward, target.env.observation_size, target.env.action_size)
     if reward.description["task"] != options.source:
         raise InputError(

@@ -21,7 +21,7 @@ import numpy as np
 from eairl_jax import InputError, evaluate, horizon, load_reward, plans
 from eairl_jax.agent import clip_actions
 from eairl_jax.envs.names import file_name
-from eairl_jax.experiments.pipeline import policies, records
+from eairl_jax.experiments.pipeline import policies, records, user_networks
 from eairl_jax.experiments.pipeline.experiment import DEMOS, Reference, Target, measured
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import (
@@ -206,7 +206,9 @@ def diagnose(path: Path, target: Target, others: Sequence[Played] = ()) -> Diagn
                 f"{other.name}: its policies act in {other.task}, not in {target.task}: give runs of one task"
             )
     target = measured(target)
-    trained, reward = policies.load(path), load_reward(path / "reward")
+    trained = policies.load(path)
+    user_networks.register(trained.settings.get("config", {}).get("net"))
+    reward = load_reward(path / "reward")
     labels = [{"seed": seed} for seed in trained.seeds]
     training = Training(target, reward, labels, DIAGNOSE)
     scored = read_json(path / "summary.json", records.CEILING, records.AGAIN)["returns"]

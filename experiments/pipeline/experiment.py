@@ -21,13 +21,14 @@ import numpy as np
 
 from eairl_jax import Demonstrations, HParams, InputError, demonstrations, envs, evaluate, horizon, random_policy
 from eairl_jax.config import Config
+from eairl_jax.discriminator import check_network
 from eairl_jax.discriminator_data import check_segments
 from eairl_jax.environment import check_env
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.console import say
 from eairl_jax.experiments.options import Bench, Imitate, Sweep, Transfer
-from eairl_jax.experiments.pipeline import records, user_methods
+from eairl_jax.experiments.pipeline import records, user_methods, user_networks
 from eairl_jax.experiments.pipeline.trackers import Track
 from eairl_jax.experiments.settings import (
     GROUPS,
@@ -451,6 +452,7 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
     env = make_env(task)
     for method in options.method:
         user_methods.register(method)
+    user_networks.register(overrides.get("net"))
     source = _source(task, env, options.demos)
     recipes = [
         recipe(
@@ -466,6 +468,7 @@ def _learnings(task: str, options: Imitate | Transfer | Bench, purpose: str) -> 
     refuse_unread([each.config for each in recipes], overrides)
     for each in recipes:
         check_demonstrations(source, each.config)
+        check_network(env.observation_size, env.action_size, each.config)
     is_changed, source = bool(set(overrides) - BUDGET), measured(source)
     explain_defaults(task)
     explain_demonstrations(source, recipes)

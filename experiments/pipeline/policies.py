@@ -27,7 +27,7 @@ from eairl_jax import (
 )
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.experiments.display.console import say
-from eairl_jax.experiments.pipeline import divergence, more_seeds, records, user_methods
+from eairl_jax.experiments.pipeline import divergence, more_seeds, records, user_methods, user_networks
 from eairl_jax.experiments.pipeline.experiment import Experiment, make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import best_restarts, describe, last_tenth, make_algorithm
@@ -103,6 +103,7 @@ def load(path: Path, may_be_unfinished: bool = False) -> Policies:
     is_imitation = "demonstrations" in settings and not is_transfer
     if is_imitation:
         user_methods.register(config.method)
+        user_networks.register(config.net)
     algorithm = make_algorithm(env, config) if is_imitation else make_rl(env, config)
     if is_imitation and config.method != "bc":
         config = with_method_defaults(config)
