@@ -396,6 +396,23 @@ class Runs:
 
 
 @dataclass(frozen=True)
+class Compare:
+    """Compare runs: their curves over each other, their scores, and how sure the difference is.
+
+    A sweep is compared by its points. Runs of different tasks are compared by their normalised scores. A run may still
+    train: its scores are then means of the last tenth so far.
+    """
+
+    run_folders: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN", help="Folders of runs.")]
+    metric: Annotated[str, arg(metavar="NAME", help="The metric of the curves, a column of metrics.csv.")] = (
+        "true_return"
+    )
+    out: Annotated[
+        Path | None, explained(metavar="DIR", help="Folder of the figure and the page. Default: runs/compare-...")
+    ] = None
+
+
+@dataclass(frozen=True)
 class Clean:
     """Remove the checkpoints of finished runs. Without --yes nothing is removed, and a table says what would be.
 
@@ -474,6 +491,7 @@ COMMANDS = {
     "transfer": Transfer,
     "reproduce": Reproduce,
     "runs": Runs,
+    "compare": Compare,
     "watch": Watch,
     "clean": Clean,
     "report": Report,

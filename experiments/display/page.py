@@ -29,10 +29,12 @@ class Picture(NamedTuple):
 
     Attributes:
       url: a data URL (`data_url`).
+      is_wide: whether it has panels side by side, which a phone shows in their size, to be scrolled.
     """
 
     title: str
     url: str
+    is_wide: bool = True
 
 
 class Link(NamedTuple):
