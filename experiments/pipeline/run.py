@@ -54,7 +54,7 @@ class Result:
       learned_share: the same on a scale from 0 for random actions to 1 for the best known behaviour, which is one of
         the seed's policies, the demonstrations of the target, or a plan (`stages.Worth`).
       snapshots, source_returns: of `source_retrain`, the iterations it compared, and `[snapshots, seeds]` true
-        returns in the source.
+        returns in the source; None where no episode ended.
       retrain_settings: how policies were trained in the target.
       saturated_lanes: lanes whose discriminator was right about nearly everything in most iterations.
       closeness: distances between the learned and the true reward, by task (`paper.reward_distance`).
@@ -91,7 +91,7 @@ class Result:
     learned_rewards: list[float] = field(default_factory=list)
     learned_share: list[float] = field(default_factory=list)
     snapshots: list[int] = field(default_factory=list)
-    source_returns: list[list[float]] = field(default_factory=list)
+    source_returns: list[list[float | None]] = field(default_factory=list)
     retrain_settings: dict[str, Any] | None = None
     saturated_lanes: list[str] = field(default_factory=list)
     closeness: dict[str, dict] | None = None

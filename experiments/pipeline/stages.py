@@ -227,11 +227,13 @@ def _by_source_retrain(folder: RunFolder, learning: RunFolder, experiment: Exper
         for name in ("policy_reward", "true_return")
     )
     scores = np.take_along_axis(true, learned.argmax(axis=0)[None], axis=0)[0]
-    best = scores.argmax(axis=0)
+    # A training in which no episode ended has no return: it is never the best.
+    best = np.where(np.isfinite(scores), scores, -np.inf).argmax(axis=0)
     chosen = [kept[index] for index in best]
     of_seeds = [jax.tree.map(lambda leaf, s=seed: leaf[s], rewards[i].params) for seed, i in enumerate(best)]
     reward = describe(experiment, jax.tree.map(lambda *leaves: np.stack(leaves), *of_seeds), chosen)
-    return Choice(reward, {"chosen_iterations": chosen, "snapshots": kept, "source_returns": scores.round(3).tolist()})
+    returns = [divergence.all_finite(each) for each in scores.round(3)]
+    return Choice(reward, {"chosen_iterations": chosen, "snapshots": kept, "source_returns": returns})
 
 
 def shortened(back_home: Target, rule: Rule) -> Target:

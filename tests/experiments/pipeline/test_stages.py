@@ -83,12 +83,12 @@ def test_source_retrain_takes_each_seeds_best_snapshot_in_the_source(tmp_path, m
         # [repeat, snapshot, seed]. Of seed 0's snapshot 80 the second repeat has the higher learned reward, so its true
         # return counts, 7 and not 99; of seed 1's 120 the first, 9.
         learned = [[[1, 1], [1, 1], [1, 2]], [[0, 0], [2, 0], [0, 1]]]
-        true = [[[3, 4], [99, 5], [6, 9]], [[50, 50], [7, 50], [50, 1]]]
+        true = [[[np.nan, 4], [99, 5], [6, 9]], [[50, 50], [7, 50], [50, 1]]]  # in one no episode ended
         metrics(folder, labels, policy_reward=learned, true_return=true)
 
     monkeypatch.setattr(stages, "retrain", made_up)
     reward, facts = choose_reward(RunFolder(tmp_path / "use", {}), learning, experiment, experiment.use)
-    assert facts["source_returns"] == [[3, 4], [7, 5], [6, 9]]
+    assert facts["source_returns"] == [[None, 4], [7, 5], [6, 9]]
     assert facts["chosen_iterations"] == [80, 120]
     back_home = experiment.use.back_home
     assert asked["target"].task == "point_maze_left"
