@@ -297,9 +297,16 @@ LIBRARY = bugs_of(
     (
         "one-absorbing-step-is-paid-as-one",
         "horizon.py",
-        "return reward * jnp.where(alive(obs, config) > 0, 1.0, stay)",
+        "return reward * jnp.where(alive(obs, config) > 0, 1.0, rest)",
         "return reward",
         "eairl_jax/test_rl.py::test_an_end_is_paid_for_all_absorbing_steps_and_the_temperature_for_none",
+    ),
+    (
+        "one-absorbing-step-is-drawn-as-one",
+        "replay.py",
+        "weight = jnp.where(jnp.ravel(alive) > 0, 1, stay)",
+        "weight = jnp.ones(jnp.ravel(alive).shape, int)",
+        "eairl_jax/test_replay.py",
     ),
     (
         "the-shaping-ends-in-the-absorbing-state",
