@@ -9,9 +9,9 @@ import numpy as np
 
 from eairl_jax.experiments.paper import published, results, tables
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, LONG, retrain_variant
-from eairl_jax.experiments.paper.statistics import Estimate, difference, probability_of_improvement
 from eairl_jax.experiments.pipeline.diagnosis import Diagnosis
 from eairl_jax.experiments.pipeline.run import Result
+from eairl_jax.experiments.pipeline.statistics import Estimate, difference, probability_of_improvement
 
 EQUAL = 0.05
 """A normalised score counts as equal if it is less than this below the other."""

@@ -10,8 +10,8 @@ import numpy as np
 from eairl_jax.experiments.paper import published, results, tables
 from eairl_jax.experiments.paper.claims import scores
 from eairl_jax.experiments.paper.figures import SHOWN
-from eairl_jax.experiments.paper.statistics import Estimate, interquartile_mean
 from eairl_jax.experiments.pipeline.run import Result
+from eairl_jax.experiments.pipeline.statistics import Estimate, interquartile_mean
 
 
 class OverviewLine(NamedTuple):

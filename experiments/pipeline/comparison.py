@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from eairl_jax import InputError, schema
-from eairl_jax.experiments.paper import statistics
-from eairl_jax.experiments.pipeline import divergence, more_seeds, overview, records
+from eairl_jax.experiments.pipeline import divergence, more_seeds, overview, records, statistics
 from eairl_jax.storage import read_json
 
 METRIC = "true_return"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eairl_jax.experiments.paper.statistics import difference, interquartile_mean, probability_of_improvement
+from eairl_jax.experiments.pipeline.statistics import difference, interquartile_mean, probability_of_improvement
 
 
 def test_the_middle_half_decides():
