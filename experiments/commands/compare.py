@@ -37,7 +37,9 @@ def run(options: Compare, command_line: str) -> None:
     folder = options.out or RUNS / _folder_name([each.name for each in compared])
     check_writable(folder / "index.html")
     score = "true return" if are_of_one_task else "normalised true return"
-    rows = [_row(each, compared[0]) for each in compared]
+    figures = [_figures(each, compared[0]) for each in compared]
+    rows = [_row(each, of_run) for each, of_run in zip(compared, figures, strict=True)]
+    rows[0][-1] = ""  # the first run is not compared with itself
     print_rows(f"{score} of {len(compared)} runs", TITLES, rows, Layout(folded=(0, 1, 2)))
     say(NOTE)
     for each in compared:
@@ -47,9 +49,7 @@ def run(options: Compare, command_line: str) -> None:
     level = _level(compared[0]) if options.metric == comparison.METRIC and are_of_one_task else None
     curves = [Curve(title, each.name, *comparison.thinned(each.curve, each.steps), level) for each in compared]
     plot(folder / "curves.png", "", curves)
-    write_json(
-        folder / "comparison.json", {"command_line": command_line, "runs": [_figures(e, compared) for e in compared]}
-    )
+    write_json(folder / "comparison.json", {"command_line": command_line, "runs": figures})
     table = page.Table("Scores", TITLES, rows, NOTE)
     picture = page.Picture(
         "While they trained", page.data_url((folder / "curves.png").read_bytes(), "png"), is_wide=False
@@ -73,9 +73,7 @@ def _level(first: Compared) -> tuple[str, float] | None:
     return None if first.expert is None else ("expert", first.expert)
 
 
-def _row(each: Compared, first: Compared) -> list[str]:
-    middle = comparison.middle(each)
-    better = "" if each is first else _with_interval(comparison.improvement(each, first), 2)
+def _row(each: Compared, figures: dict) -> list[str]:
     return [
         each.name,
         each.task,
@@ -83,13 +81,13 @@ def _row(each: Compared, first: Compared) -> list[str]:
         str(len(each.scores)),
         f"{each.iterations}",
         f"{_short(each.scores.mean())} ± {_short(each.scores.std())}",
-        _with_interval(middle, None),
-        better,
+        _with_interval(figures["interquartile_mean"], None),
+        _with_interval(figures["probability_of_improvement"], 2),
     ]
 
 
-def _with_interval(estimate, digits: int | None) -> str:
-    value, low, high = (_short(x) if digits is None else f"{x:.{digits}f}" for x in estimate)
+def _with_interval(estimate: dict[str, float], digits: int | None) -> str:
+    value, low, high = (_short(x) if digits is None else f"{x:.{digits}f}" for x in estimate.values())
     return f"{value} ({low} to {high})"
 
 
@@ -97,7 +95,7 @@ def _short(value: float) -> str:
     return f"{value:.1f}" if abs(value) >= 100 else f"{value:.3f}"
 
 
-def _figures(each: Compared, compared: Sequence[Compared]) -> dict:
+def _figures(each: Compared, first: Compared) -> dict:
     curve = np.ma.masked_invalid(each.curve).mean(axis=0)
     return {
         "name": each.name,
@@ -107,6 +105,6 @@ def _figures(each: Compared, compared: Sequence[Compared]) -> dict:
         "is_finished": each.is_finished,
         "scores": each.scores.tolist(),
         "interquartile_mean": comparison.middle(each)._asdict(),
-        "probability_of_improvement": comparison.improvement(each, compared[0])._asdict(),
+        "probability_of_improvement": comparison.improvement(each, first)._asdict(),
         "curve": [None if np.ma.is_masked(value) else float(value) for value in curve],
     }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
-import shutil
 
 import numpy as np
 
@@ -48,12 +47,11 @@ def run(options: Expert, command_line: str) -> None:
     if summary is None or summary.get("more_iterations", 0) < options.more:
         folder.prepare()
         summary = {"command_line": command_line, "task": task} | _train(folder, env, training, seeds)
+        run_page.forget(folder.path)
         returns = folder.curve("true_return", seeds)[divergence.kept_seeds(folder)]
         curve = Curve("true return", "", returns, training.config.steps_per_iteration)
         plot(folder.path / "curves.png", f"Experts of {task}", [curve])
-        shutil.rmtree(folder.path / "policy", ignore_errors=True)
         folder.write_summary(summary)
-        (folder.path / run_page.PAGE).unlink(missing_ok=True)
     if folder.is_writable():
         policies.keep(folder.path)
         if not (folder.path / run_page.PAGE).exists():

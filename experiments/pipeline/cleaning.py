@@ -84,8 +84,7 @@ def _reason(path: Path) -> str:
         last = policies.planned_iterations(path, settings)
     except InputError as e:
         return str(e)
-    newest = max((int(each.name) for each in (path / CHECKPOINTS).glob("*") if each.name.isdecimal()), default=0)
-    if newest > last:
+    if overview.newest_checkpoint(path) > last:
         return "it goes on beyond its plan"
     if "sweep" in settings and not (path / "points").is_dir():
         return "it is a sweep of an earlier version, whose policies are in its checkpoints alone"

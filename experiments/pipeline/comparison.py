@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from eairl_jax import InputError, schema
-from eairl_jax.experiments.pipeline import divergence, more_seeds, overview, records, statistics
+from eairl_jax.experiments.pipeline import more_seeds, overview, points, records, statistics
+from eairl_jax.experiments.pipeline.following import Reader
 from eairl_jax.storage import read_json
 
 METRIC = "true_return"
@@ -85,13 +85,13 @@ def read(path: Path, metric: str) -> list[Compared]:
     summary = read_json(path / "summary.json", SUMMARY, records.AGAIN) if found.is_finished else {}
     settings, lanes, steps = records.settings(path), Lanes(), 0
     for folder in (path, *more_seeds.finished(path)):
-        steps = lanes.add(folder / "metrics.csv", metric) or steps
+        steps = lanes.add(folder, metric) or steps
     compared = []
     for point in settings.get("sweep") or [{}]:
         chosen = lanes.of(point)
         scores = _scores(summary, point) if summary else _late(lanes.of(point, METRIC))
         if len(scores):
-            name = ", ".join([path.resolve().name, *(f"{key} {value:g}" for key, value in point.items())])
+            name = ", ".join(filter(None, [path.resolve().name, points.name(point)]))
             reference = summary.get("expert"), summary.get("random")
             compared.append(
                 Compared(
@@ -107,34 +107,34 @@ class Lanes:
     def __init__(self) -> None:
         self._values: dict[tuple[tuple[str, float], ...], dict[str, dict[int, float]]] = {}
 
-    def add(self, path: Path, metric: str) -> int:
-        """Reads `metrics.csv`; a torn last line is left out. Returns the environment steps of an iteration.
+    def add(self, folder: Path, metric: str) -> int:
+        """Reads the `metrics.csv` of a folder. Returns the environment steps of an iteration.
 
         Raises:
           InputError: if there are no metrics yet, or if they are damaged, or if the metric is none of them.
         """
+        reader = Reader(folder)
         try:
-            text = path.read_bytes().decode("utf-8", errors="replace").removeprefix("\ufeff")
+            rows = reader.news()
         except FileNotFoundError:
-            raise InputError(f"{path.parent} has no metrics yet: wait until its first iterations are done") from None
-        rows = csv.reader(text[: text.rfind("\n") + 1].splitlines())
-        header, steps = next(rows, []), 0
-        if not {"iteration", "env_steps"} <= set(header):
-            raise InputError(f"{path} is no table of metrics: give the folder of a run")
-        first = header.index("iteration")
-        if metric not in header[first + 2 :]:
-            raise InputError(f"--metric {metric}: {path} has {', '.join(header[first + 2 :])}")
-        for row in rows:
-            try:
-                label = tuple(zip(header[:first], map(float, row[:first]), strict=True))
-                iteration, env_steps = int(row[first]), int(row[first + 1])
-                lane = self._values.setdefault(label, {metric: {}, METRIC: {}})
-                for name in {metric, METRIC} & set(header):
-                    lane[name][iteration] = float(row[header.index(name)])
-                steps = env_steps // iteration
-            except (ValueError, IndexError, ZeroDivisionError):
-                raise InputError(f"{path} has a line that is no metrics: {','.join(row)[:60]}") from None
-        return steps
+            raise InputError(f"{folder} has no metrics yet: wait until its first iterations are done") from None
+        if not reader.names:
+            raise reader.no_table()
+        if metric not in reader.names:
+            raise InputError(f"--metric {metric}: {reader.path} has {', '.join(reader.names)}")
+        first = len(reader.labels)
+        columns = {name: first + 2 + reader.names.index(name) for name in {metric, METRIC} & set(reader.names)}
+
+        def keep(row: list[str]) -> int:
+            label = tuple(zip(reader.labels, map(float, row[:first]), strict=True))
+            iteration, env_steps = int(row[first]), int(row[first + 1])
+            lane = self._values.setdefault(label, {metric: {}, METRIC: {}})
+            for name, column in columns.items():
+                lane[name][iteration] = float(row[column])
+            return env_steps // iteration
+
+        steps = [reader.parsed(row, keep) for row in rows]
+        return steps[-1] if steps else 0
 
     def of(self, point: dict[str, float], metric: str | None = None) -> np.ndarray:
         """`[lanes, iterations]` of the lanes of a point, from iteration 1 on; NaN where a value is unknown."""
@@ -155,14 +155,9 @@ def _scores(summary: dict, point: dict[str, float]) -> np.ndarray:
     """The returns of a result; those of one point of a sweep, without the seeds that were dropped there."""
     if not point:
         return np.array(summary["returns"])
-    rest = iter(summary["returns"])
-    for each in summary["points"]:
-        lanes = [each | {"seed": seed} for seed in summary["seeds"]]
-        kept = [lane for lane in lanes if not any(divergence.matches(d, lane) for d in summary.get("dropped", []))]
-        values = [next(rest, np.nan) for _ in kept]
-        if each == point:
-            return np.array(values)
-    return np.zeros(0)
+    known = summary["points"]
+    of_points = points.returns(known, summary["seeds"], summary["returns"], summary.get("dropped", []))
+    return np.array(of_points[known.index(point)] if point in known else [], float)
 
 
 def _late(curve: np.ndarray) -> np.ndarray:

@@ -114,7 +114,7 @@ def _overview(path: Path, name: str, settings: dict, summary: dict | None, size:
         " to ".join(filter(None, (settings.get("task", ""), settings.get("target", "")))),
         _method(settings),
         seeds if isinstance(seeds, int) else len(seeds),
-        planned if summary is not None else _newest_checkpoint(path),
+        planned if summary is not None else newest_checkpoint(path),
         planned,
         score,
         normalized,
@@ -134,7 +134,8 @@ def _method(settings: dict) -> str:
     return f"{name}, sweep" if "sweep" in settings else name
 
 
-def _newest_checkpoint(path: Path) -> int:
+def newest_checkpoint(path: Path) -> int:
+    """The iteration of a run's newest checkpoint; 0 if there is none."""
     try:
         names = [entry.name for entry in os.scandir(path / "checkpoints")]
     except OSError:

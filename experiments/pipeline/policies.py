@@ -27,7 +27,15 @@ from eairl_jax import (
 )
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.experiments.display.console import say
-from eairl_jax.experiments.pipeline import divergence, more_seeds, records, user_methods, user_networks
+from eairl_jax.experiments.pipeline import (
+    divergence,
+    more_seeds,
+    overview,
+    points,
+    records,
+    user_methods,
+    user_networks,
+)
 from eairl_jax.experiments.pipeline.experiment import Experiment, make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import best_restarts, describe, last_tenth, make_algorithm
@@ -171,7 +179,7 @@ def keep_points(path: Path, experiment: Experiment, algorithm: Algorithm, state:
         lanes = kept[kept // count == number]
         if not len(lanes):
             continue
-        folder, of_point = path / "points" / point_folder(point), take_lanes(state, lanes)
+        folder, of_point = path / "points" / points.folder_name(point), take_lanes(state, lanes)
         seeds = [experiment.seeds[lane] for lane in lanes % count]
         trained = Policies(source.task, source.env, algorithm, of_point, seeds, settings, config, iteration)
         save_policy(folder / "policy", trained.learned())
@@ -182,11 +190,6 @@ def keep_points(path: Path, experiment: Experiment, algorithm: Algorithm, state:
             of_recipe = dataclasses.replace(experiment, recipe=recipe, seeds=seeds)
             reward = describe(of_recipe, learned_reward(of_point), [iteration] * len(seeds))
             save_reward(folder / "reward", reward)
-
-
-def point_folder(point: dict[str, float]) -> str:
-    """`lambda_i=0.1-beta=1`."""
-    return "-".join(f"{name}={value:g}" for name, value in point.items()) or "all"
 
 
 def finished_settings(path: Path) -> dict:
@@ -211,8 +214,7 @@ def _last_iteration(path: Path, config: Config) -> int:
     last = config.iterations + _more_iterations(path)
     if (path / "checkpoints" / str(last)).is_dir() or not (path / "checkpoints").is_dir():
         return last
-    newest = Checkpoints(path / "checkpoints", read_only=True).latest() or 0
-    return newest if newest > last else last
+    return max(last, overview.newest_checkpoint(path))
 
 
 def planned_iterations(path: Path, settings: dict) -> int:

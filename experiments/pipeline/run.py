@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +18,7 @@ from eairl_jax import InputError, LearnedReward, load_reward, save_reward, schem
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display import planar
 from eairl_jax.experiments.display.plots import Curve, plot, plot_sweep
-from eairl_jax.experiments.pipeline import divergence, more_seeds, policies, records, run_page, stages
+from eairl_jax.experiments.pipeline import divergence, more_seeds, points, policies, records, run_page, stages
 from eairl_jax.experiments.pipeline.experiment import Experiment, Reference, Target, Use
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, machine, peak_memory_gb, settings_digest
 from eairl_jax.experiments.pipeline.train import Lane, scores
@@ -105,12 +104,8 @@ class Result:
     @property
     def returns_by_point(self) -> list[np.ndarray]:
         """Of a sweep, the returns of each point; a dropped seed has none."""
-        rest = iter(self.returns)
-        lanes = [[point | {"seed": seed} for seed in self.seeds] for point in self.points]
-        return [
-            np.array([next(rest) for lane in of_point if not any(divergence.matches(d, lane) for d in self.dropped)])
-            for of_point in lanes
-        ]
+        of_points = points.returns(self.points, self.seeds, self.returns, self.dropped)
+        return [np.array(values) for values in of_points]
 
     @property
     def reference(self) -> Reference:
@@ -244,7 +239,7 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
         folder.prepare()
         result = _transfer(experiment, experiment.use, folder) if experiment.use else _imitate(experiment, folder)
         result = dataclasses.replace(result, command_line=command_line, machine=machine(), more_iterations=more or None)
-        _forget_pictures(folder)
+        run_page.forget(folder.path)
         folder.write_summary(result.to_json())
     if not experiment.points and not experiment.use:
         result = _with_more_seeds(experiment, folder, result, command_line)
@@ -303,16 +298,9 @@ def _with_more_seeds(experiment: Experiment, folder: RunFolder, result: Result, 
         own = _last_reward(dataclasses.replace(experiment, recipe=recipe), folder)
         rewards = [own, *(load_reward(path / "reward") for path in folders)]
         save_reward(folder.path / "reward", more_seeds.joined_rewards(rewards))
-    _forget_pictures(folder)
+    run_page.forget(folder.path)
     folder.write_summary(result.to_json())
     return result
-
-
-def _forget_pictures(folder: RunFolder) -> None:
-    """Removes what is made again from a new result: figures, page and policy."""
-    for name in ("curves.png", "reward.png", run_page.PAGE):
-        (folder.path / name).unlink(missing_ok=True)
-    shutil.rmtree(folder.path / "policy", ignore_errors=True)
 
 
 def _transfer(experiment: Experiment, use: Use, folder: RunFolder) -> Result:
@@ -546,4 +534,4 @@ def _retraining_curve(target: Target, returns: np.ndarray, ceiling: Sequence[flo
 def point_name(experiment: Experiment, point: dict[str, float]) -> str:
     """`activation tanh, lambda_i 0.1`: the names of a sweep, and the floats of one of its points."""
     names = [f"{name} {value}" for name, value in experiment.swept_names.items()]
-    return ", ".join([*names, *(f"{name} {value:g}" for name, value in point.items())])
+    return ", ".join([*names, *filter(None, [points.name(point)])])

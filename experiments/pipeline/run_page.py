@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from eairl_jax import schema
 from eairl_jax.experiments.display import page
-from eairl_jax.experiments.pipeline import divergence, overview, records
+from eairl_jax.experiments.pipeline import divergence, overview, points, records
 from eairl_jax.experiments.pipeline.run_folder import flat
 from eairl_jax.storage import read_json
 
@@ -56,6 +57,13 @@ def write(path: Path) -> None:
     page.write(path / PAGE, of_run(path))
 
 
+def forget(path: Path) -> None:
+    """Removes what is made again from a new result: figures, page and policy."""
+    for name in ("curves.png", "reward.png", PAGE):
+        (path / name).unlink(missing_ok=True)
+    shutil.rmtree(path / "policy", ignore_errors=True)
+
+
 def of_run(path: Path) -> page.Page:
     """What the page shows."""
     settings, found = records.settings(path), overview.read(path, path.name)
@@ -94,13 +102,11 @@ def _seeds(summary: dict) -> page.Table:
 
 def _points(summary: dict) -> page.Table:
     """A row for each point of a sweep."""
-    rest, rows = iter(summary["returns"]), []
-    for point in summary["points"]:
-        lanes = [point | {"seed": seed} for seed in summary["seeds"]]
-        dropped = summary.get("dropped", [])
-        values = [next(rest, None) for lane in lanes if not any(divergence.matches(each, lane) for each in dropped)]
-        name = ", ".join(f"{key} {value:g}" for key, value in point.items()) or "all"
-        rows.append([name, _spread(values), "  ".join(map(_number, values))])
+    of_points = points.returns(summary["points"], summary["seeds"], summary["returns"], summary.get("dropped", []))
+    rows = [
+        [points.name(point) or "all", _spread(values), "  ".join(map(_number, values))]
+        for point, values in zip(summary["points"], of_points, strict=True)
+    ]
     return page.Table("Result", ["", "true return, mean ± std", "every seed"], rows, _note(summary))
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from eairl_jax import METHODS, InputError, envs
+from eairl_jax import METHODS
 from eairl_jax.config import choose
-from eairl_jax.envs import names, registry
+from eairl_jax.experiments.pipeline import user_code
 from eairl_jax.methods import Method, method_names
 
 
@@ -17,12 +17,6 @@ def register(name: str) -> None:
     if ":" not in name or name in METHODS:
         choose("method", name, method_names())
         return
-    try:
-        code = names.parse(name)
-        if code.origin not in (names.FILE, names.MODULE) or code.arguments:
-            raise InputError(
-                f"{name!r} names no method: expected FILE.py:NAME or MODULE:NAME, e.g. my_methods.py:fairl"
-            )
-        METHODS[name] = registry.user_object(code, lambda found: isinstance(found, Method), "eairl_jax.methods.Method")
-    except envs.TaskError as e:
-        raise InputError(f"--method {name}: {e}") from None
+    refusal = f"{name!r} names no method: expected FILE.py:NAME or MODULE:NAME, e.g. my_methods.py:fairl"
+    kind = "eairl_jax.methods.Method"
+    METHODS[name] = user_code.find(name, lambda found: isinstance(found, Method), kind, f"--method {name}", refusal)

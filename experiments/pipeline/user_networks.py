@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from eairl_jax import NETWORKS, InputError, envs
-from eairl_jax.envs import names, registry
+from eairl_jax import NETWORKS
+from eairl_jax.experiments.pipeline import user_code
 from eairl_jax.named_networks import MLP
 
 
@@ -15,12 +15,5 @@ def register(name: str | None) -> None:
     """
     if name is None or name == MLP or name in NETWORKS:
         return
-    try:
-        code = names.parse(name)
-        if code.origin not in (names.FILE, names.MODULE) or code.arguments:
-            raise InputError(
-                f"net={name} names no network: expected mlp, FILE.py:NAME or MODULE:NAME, e.g. my_nets.py:ResNet"
-            )
-        NETWORKS[name] = registry.user_object(code, callable, "class or function")
-    except envs.TaskError as e:
-        raise InputError(f"net={name}: {e}") from None
+    refusal = f"net={name} names no network: expected mlp, FILE.py:NAME or MODULE:NAME, e.g. my_nets.py:ResNet"
+    NETWORKS[name] = user_code.find(name, callable, "class or function", f"net={name}", refusal)

@@ -73,6 +73,9 @@ def test_what_cannot_be_compared_is_refused(finished):
         comparison.read(finished, "kll")
     with pytest.raises(InputError, match="is no run's folder"):
         comparison.read(finished / "policy", "true_return")
+    (finished / "metrics.csv").write_text("")
+    with pytest.raises(InputError, match="is no table of metrics"):
+        comparison.read(finished, "true_return")
     (finished / "metrics.csv").unlink()
     with pytest.raises(InputError, match="no metrics yet"):
         comparison.read(finished, "true_return")
