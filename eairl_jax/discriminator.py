@@ -67,7 +67,11 @@ def check_network(obs_size: int, action_size: int, config: Config) -> None:
 
 
 def init(key: Key, obs_size: int, action_size: int, config: Config) -> PyTree:
-    """Fresh parameters: "g" of the reward, "k" of a separable reward's action part, "h" of a learned potential."""
+    """Fresh parameters.
+
+    "g" of the reward, "k" of a separable reward's action part, "h" of a learned potential, "d" of a classifier beside
+    the reward (`Method.reward_loss`).
+    """
     g_key, k_key, h_key = jax.random.split(key, 3)
     obs, action, net = jnp.zeros((1, obs_size)), jnp.zeros((1, action_size)), nets.scalar(config)
     params = {"g": net.init(g_key, obs, action) if config.reward_form == "sa" else net.init(g_key, obs)}
@@ -76,6 +80,9 @@ def init(key: Key, obs_size: int, action_size: int, config: Config) -> PyTree:
         params["k"] = {"raw_cost": jnp.full((), RAW_COST_INIT)} if quadratic else net.init(k_key, action)
     if config.shaping in ("learned", "both"):
         params["h"] = net.init(h_key, obs)
+    if METHODS[config.method].reward_loss:
+        inputs = (obs,) if config.reward_form == "s" else (obs, action)
+        params["d"] = net.init(jax.random.fold_in(key, 1), *inputs)
     return params
 
 
@@ -96,8 +103,15 @@ def reward(params: PyTree, obs: jax.Array, action: jax.Array, config: Config) ->
 
 
 def logit_expert_high(params: PyTree, samples: Samples, discount, config: Config) -> jax.Array:
-    """`log D - log(1 - D)` of each transition, `[...]`, with f = reward + shaping (Eq. 9)."""
-    f = reward(params, samples.obs, samples.action, config)
+    """`log D - log(1 - D)` of each transition, `[...]`, with f = reward + shaping (Eq. 9).
+
+    With `Method.reward_loss`, f is the classifier "d".
+    """
+    if METHODS[config.method].reward_loss:
+        inputs = (samples.obs,) if config.reward_form == "s" else (samples.obs, samples.action)
+        f = nets.apply(nets.scalar(config), params["d"], *inputs)
+    else:
+        f = reward(params, samples.obs, samples.action, config)
     if config.shaping in ("learned", "both"):
         h, next_h = (nets.apply(nets.scalar(config), params["h"], x) for x in (samples.obs, samples.next_obs))
         f += shaping(h, next_h, samples.terminated, discount)
@@ -107,7 +121,9 @@ def logit_expert_high(params: PyTree, samples: Samples, discount, config: Config
 
 
 def policy_reward(params: PyTree, samples: Samples, hparams: HParams, config: Config) -> jax.Array:
-    """The reward `[...]` that the policy is trained on: the method's function of the logit."""
+    """The reward `[...]` that the policy is trained on: the method's function of the logit, or of the reward."""
+    if METHODS[config.method].reward_loss:
+        return METHODS[config.method].policy_reward(reward(params, samples.obs, samples.action, config))
     logit = logit_expert_high(params, samples, shaping_discount(hparams, config), config)
     return METHODS[config.method].policy_reward(logit)
 
@@ -157,22 +173,28 @@ def input_sparsity(params: PyTree, samples: Samples, config: Config) -> jax.Arra
 def loss(params: PyTree, expert: Samples, policy: Samples, hparams: HParams, config: Config):
     """The method's loss, plus penalties.
 
-    The logit of a trajectory is the sum of the logits of its transitions (Finn et al. 2016).
+    The logit of a trajectory is the sum of the logits of its transitions (Finn et al. 2016), except with
+    `Method.reward_loss`.
 
     Returns:
       `(loss [], metrics)`.
     """
     # One forward pass over both halves: the cost of a small network depends on the number of calls.
-    both = jax.tree.map(lambda e, p: jnp.concatenate([e, p]), expert, policy)
-    logit = logit_expert_high(params, both, shaping_discount(hparams, config), config).sum(axis=-1)
+    both, method = jax.tree.map(lambda e, p: jnp.concatenate([e, p]), expert, policy), METHODS[config.method]
+    logit = logit_expert_high(params, both, shaping_discount(hparams, config), config)
+    logit = logit if method.reward_loss else logit.sum(axis=-1)
     expert_logit, policy_logit = jnp.split(logit, [expert.obs.shape[0]])
-    total = METHODS[config.method].loss(expert_logit, policy_logit)
+    total = method.loss(expert_logit, policy_logit)
     metrics = {
         "discriminator_loss": total,
         "accuracy_expert": (expert_logit > 0).mean(),
         "accuracy_policy": (policy_logit < 0).mean(),
         "saturated": (jnp.abs(logit) > SATURATED_LOGIT).mean(),
     }
+    if method.reward_loss:
+        r = reward(params, both.obs, both.action, config)
+        metrics["reward_loss"] = method.reward_loss(r, jax.lax.stop_gradient(logit))
+        total += metrics["reward_loss"]
     if "gradient" in config.penalties:
         total += hparams.gradient_penalty * gradient_penalty(params, expert, policy, config)
     if "action_variance" in config.penalties:

@@ -2,7 +2,8 @@
 
 Every method computes one number for each transition, `logit = log D - log(1 - D)`, which is high for the expert. The
 discriminator's loss is a function of the logits, or of their sums over trajectories: for all methods of this file the
-binary cross-entropy. The policy's reward is a function of the logit.
+binary cross-entropy. The policy's reward is a function of the logit, unless the method's `reward_loss` trains a reward
+beside it.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from eairl_jax.config import METHOD_DEFAULTS, Config, choose
+from eairl_jax.errors import InputError
 
 if TYPE_CHECKING:
     import jax
@@ -68,11 +70,18 @@ class Method:
     logit_expert_high: Callable[[jax.Array, jax.Array], jax.Array]
     """`(f, log pi(a|s)) -> logit` of transitions, all of one shape."""
     policy_reward: Callable[[jax.Array], jax.Array]
-    """`logit -> reward` that the policy is trained on."""
+    """`logit -> reward` that the policy is trained on. With `reward_loss` its argument is the reward r."""
     reward_form: str
     shaping: str
     loss: Callable[[jax.Array, jax.Array], jax.Array] = cross_entropy
     """`(logits [batch] of the expert, logits [batch] of the policy) -> loss []` of the discriminator."""
+    reward_loss: Callable[[jax.Array, jax.Array], jax.Array] | None = None
+    """`(rewards [2 batch, length], logits [2 batch, length]) -> loss []` of a reward r that is no part of the logit.
+
+    The first half is of the expert, the second of the policy. The logits are constants: only r learns from this loss.
+    The logit's f is then a network of its own, with the inputs of r. `loss` trains it on single transitions, also if
+    the method discriminates trajectories.
+    """
     empowerment: bool = False
     """Whether l_I regularises the policy. q and Phi are then trained even if Phi does not shape the reward."""
     discriminates: str = "transitions"
@@ -193,10 +202,16 @@ def of_known_method(config: Config) -> Config:
     """`with_method_defaults`, for a configuration that is going to be trained.
 
     Raises:
-      InputError: if no adversarial method has the name `config.method`.
+      InputError: if no adversarial method has the name `config.method`, or if the method cannot be shaped.
     """
     choose("method", config.method, METHODS)
-    return with_method_defaults(config)
+    config = with_method_defaults(config)
+    if METHODS[config.method].reward_loss and config.shaping != "none":
+        raise InputError(
+            f"{config.method} pays the policy its reward as it is, so shaping = {config.shaping} has no place: use "
+            "shaping = none"
+        )
+    return config
 
 
 def uses_empowerment(config: Config) -> bool:

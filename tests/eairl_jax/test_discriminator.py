@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eairl_jax import HParams, discriminator, train_state
-from eairl_jax.methods import with_method_defaults
+from eairl_jax.methods import METHODS, Method, gail_logit, with_method_defaults
 
 GAMMA, BATCH = 0.9, 16
 HPARAMS = HParams(gamma=GAMMA)
@@ -135,6 +135,46 @@ def test_loss_is_cross_entropy_with_the_expert_labelled_1(made, samples, expecte
     saturated = np.abs(np.concatenate([expert_d, policy_d]) - 0.5).round(12) > 0.49
     assert 0 < saturated.mean() < 1
     np.testing.assert_allclose(metrics["saturated"], saturated.mean(), rtol=1e-6)
+
+
+@pytest.fixture
+def beside(monkeypatch):
+    """A method whose reward is learned beside the classifier, by a covariance over trajectories."""
+
+    def covariance(r, logit):
+        r, logit = r.sum(axis=1), logit.sum(axis=1)
+        return -jnp.mean((r - r.mean()) * (logit - logit.mean()))
+
+    row = Method("", gail_logit, lambda r: 2.0 * r, "s", "none", reward_loss=covariance, discriminates="trajectories")
+    monkeypatch.setitem(METHODS, "beside", row)
+
+
+@pytest.mark.usefixtures("beside")
+@pytest.mark.parametrize("form", FORMS)
+def test_a_reward_beside_the_classifier_has_a_loss_of_its_own(made, samples, mlp, numpy_reward, form):
+    config, params = made(method="beside", **FORMS[form])
+    expert, policy = samples(1, 3), samples(2, 3)
+    both = [np.concatenate(pair).astype(np.float64) for pair in zip(expert, policy, strict=True)]
+    inputs = both[0] if form == "s" else np.concatenate(both[:2], axis=-1)
+    logit, r = mlp(params["d"], inputs)[..., 0], numpy_reward(params, *both[:2])
+    np.testing.assert_allclose(discriminator.logit_expert_high(params, expert, GAMMA, config), logit[:BATCH], atol=1e-5)
+    paid = discriminator.policy_reward(params, expert, HPARAMS, config)
+    np.testing.assert_allclose(paid, 2 * r[:BATCH], rtol=1e-4, atol=1e-5)
+
+    (_, metrics), slope = jax.value_and_grad(discriminator.loss, has_aux=True)(params, expert, policy, HPARAMS, config)
+    d = 1 / (1 + np.exp(-logit))
+    cross_entropy = -0.5 * (np.log(d[:BATCH]).mean() + np.log(1 - d[BATCH:]).mean())
+    np.testing.assert_allclose(metrics["discriminator_loss"], cross_entropy, rtol=1e-4)
+    np.testing.assert_allclose(metrics["accuracy_expert"], (d[:BATCH] > 0.5).mean(), rtol=1e-6)
+    covariance = np.cov(r.sum(axis=1), logit.sum(axis=1), bias=True)[0, 1]
+    np.testing.assert_allclose(metrics["reward_loss"], -covariance, rtol=1e-3)
+
+    # The classifier learns by the cross-entropy alone, and the reward by the covariance alone.
+    alone = jax.grad(lambda p: METHODS["beside"].loss(*discriminator.logit_expert_high(
+        p, jax.tree.map(lambda *pair: jnp.stack(pair), expert, policy), GAMMA, config)))(params)  # fmt: skip
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-6), slope["d"], alone["d"])
+    assert all(np.abs(leaf).max() == 0 for leaf in jax.tree.leaves(alone["g"]))
+    assert any(np.abs(leaf).max() > 1e-4 for leaf in jax.tree.leaves(slope["g"]))
 
 
 @pytest.mark.parametrize("method", ["gail", "gan_gcl"])

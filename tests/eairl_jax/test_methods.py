@@ -13,6 +13,7 @@ from eairl_jax.methods import (
     gail_logit,
     log_d_ratio,
     neg_log_one_minus_d,
+    of_known_method,
     wasserstein,
     with_method_defaults,
 )
@@ -89,6 +90,14 @@ def test_losses_follow_from_their_definitions():
     np.testing.assert_allclose(cross_entropy(jnp.asarray(expert), jnp.asarray(policy)), expected, rtol=1e-5)
     critic = wasserstein(jnp.asarray(expert), jnp.asarray(policy))
     np.testing.assert_allclose(critic, policy.mean() - expert.mean(), rtol=1e-5)
+
+
+def test_a_reward_beside_the_classifier_cannot_be_shaped(tiny, monkeypatch):
+    row = dataclasses.replace(METHODS["gail"], reward_loss=lambda r, logit: -(r * logit).mean())
+    monkeypatch.setitem(METHODS, "beside", row)
+    assert of_known_method(tiny(method="beside")).shaping == "none"
+    with pytest.raises(InputError, match="shaping = learned has no place: use shaping = none"):
+        of_known_method(tiny(method="beside", shaping="learned"))
 
 
 def test_settings_without_a_default_need_no_method(tiny):

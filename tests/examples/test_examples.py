@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eairl_jax import demonstration_files, demonstrations
+from eairl_jax import demonstration_files, demonstrations, load_reward
 from eairl_jax.experiments.cli import main
 from eairl_jax.methods import METHODS
 
@@ -23,7 +23,7 @@ def example(monkeypatch, tmp_path):
     def run(name, *arguments):
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(sys, "argv", [name, *arguments])
-        return runpy.run_path(str(EXAMPLES / f"{name}.py"))
+        return runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
 
     yield run
     METHODS.clear()
@@ -32,7 +32,7 @@ def example(monkeypatch, tmp_path):
 
 def test_no_example_is_longer_than_60_lines():
     lengths = {path.name: len(path.read_text(encoding="utf-8").splitlines()) for path in EXAMPLES.glob("*.py")}
-    assert len(lengths) == 9
+    assert len(lengths) == 10
     assert max(lengths.values()) <= 60, lengths
 
 
@@ -59,7 +59,8 @@ def test_a_sweep_has_a_lane_for_each_value_and_seed(example, capsys):
 @pytest.mark.slow
 def test_a_task_of_your_own_can_be_demonstrated_and_imitated(example):
     names = example("task_of_your_own", ITERATIONS)
-    assert names["demos"].obs.shape == (10, 50, 2)
+    assert names["demos"].obs.shape == (500, 2)
+    assert names["demos"].lengths.tolist() == [50] * 10
     assert np.isfinite(names["metrics"]["true_return"]).all()
 
 
@@ -69,6 +70,23 @@ def test_a_method_of_your_own_trains(example):
     assert np.isfinite(names["metrics"]["policy_reward"]).all()
     h = np.array([-1.0, 0.0, 1.0])
     np.testing.assert_allclose(METHODS["fairl"].policy_reward(h), -np.exp(h) * h, rtol=1e-6)
+
+
+def test_f_irls_loss_falls_where_trajectories_like_the_experts_are_paid_more(example):
+    loss = example("f_irl")["reverse_kl"]
+    r, log_ratio = np.random.default_rng(0).normal(size=(2, 8, 5))
+    expected = np.cov((1 - log_ratio).sum(axis=1), r.sum(axis=1), bias=True)[0, 1] / 5
+    np.testing.assert_allclose(loss(r, log_ratio), expected, rtol=1e-5)
+    assert loss(log_ratio, log_ratio) < 0 < loss(-log_ratio, log_ratio)
+
+
+@pytest.mark.slow
+def test_f_irl_trains_from_the_command_line(tmp_path):
+    sizes = ["iterations=2", "snapshot_every=2", "num_envs=4", "history_length=0", "discriminator_batch=400"]
+    out = ["--seeds", "1", "--out", str(tmp_path / "run"), "--set", *sizes]
+    main(["imitate", "pendulum", "--method", f"{EXAMPLES / 'f_irl.py'}:f_irl", *out])
+    reward = load_reward(tmp_path / "run" / "reward")
+    assert np.isfinite(reward(np.ones((3, 3)), np.zeros((3, 1)))).all()
 
 
 @pytest.mark.slow
