@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from eairl_jax import InputError
+from eairl_jax import InputError, storage
 from eairl_jax.config import choose
 from eairl_jax.experiments.display.console import say
 from eairl_jax.extras import required
@@ -98,13 +99,26 @@ class TensorBoard:
 
 
 class WandB:
-    """A run of Weights & Biases. Metrics are named after the lane, "seed=0/true_return"; the step is the iteration."""
+    """A run of Weights & Biases. Metrics are named after the lane, "seed=0/true_return"; the step is the iteration.
+
+    A training that goes on stays the same run there: `wandb/id` in the run's folder holds its name.
+    """
 
     def __init__(self, training: Training):
         wandb = required("wandb", "wandb")
         self._labels = training.labels
+        identity = training.path / "wandb" / "id"
+        if not identity.exists():
+            identity.parent.mkdir(exist_ok=True)
+            with storage.replacing(identity) as path:
+                path.write_text(uuid.uuid4().hex[:8], encoding="utf-8")
         self._run = wandb.init(
-            project="eairl_jax", name=training.path.name, dir=str(training.path), config=training.settings
+            project="eairl_jax",
+            name=training.path.name,
+            id=identity.read_text(encoding="utf-8"),
+            resume="allow",
+            dir=str(training.path),
+            config=training.settings,
         )
 
     def log(self, first_iteration: int, metrics: dict[str, np.ndarray]) -> None:

@@ -1,8 +1,11 @@
 """Trackers are told what `metrics.csv` holds, and nothing that they do stops a training."""
 
 import csv
+import json
+import math
 import struct
 import sys
+import time
 import types
 
 import numpy as np
@@ -95,6 +98,60 @@ def test_weights_and_biases_gets_a_line_for_each_iteration(tmp_path, wandb):
     assert sorted(wandb.lines) == [1, 2]
     assert wandb.lines[2]["seed=3/loss"] == 1.25
     assert wandb.is_finished
+
+
+def test_a_training_that_goes_on_stays_one_run_there(tmp_path, wandb):
+    seen = []
+    for done in (0, 2):
+        with tracked(["wandb"], training(tmp_path, done)):
+            seen.append((wandb.started["id"], wandb.started["resume"]))
+    assert len(set(seen)) == 1
+    assert seen[0][1] == "allow"
+
+
+def log_records(data):
+    """The records of a log file of Weights & Biases: LevelDB's log format after a header of 7 bytes."""
+    at, block, record = 7, 32768, b""
+    while at + 7 <= len(data):
+        if block - at % block < 7:  # too short for a header: the rest of a block is empty
+            at += block - at % block
+            continue
+        _crc, length, kind = struct.unpack("<IHB", data[at : at + 7])
+        record += data[at + 7 : at + 7 + length]
+        at += 7 + length
+        if kind in (1, 4):  # whole, or the last part
+            yield record
+            record = b""
+
+
+@pytest.mark.extras
+def test_the_library_itself_holds_what_it_was_told(tmp_path, monkeypatch):
+    pytest.importorskip("wandb")
+    from wandb.proto import wandb_internal_pb2
+
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    monkeypatch.setenv("WANDB_SILENT", "true")
+    with tracked(["wandb"], training(tmp_path)) as log:
+        log(0, chunk(0, 2))
+        log(2, chunk(2, 300))
+    (file,) = tmp_path.glob("wandb/offline-run-*/run-*.wandb")
+    assert file.name == f"run-{(tmp_path / 'wandb' / 'id').read_text()}.wandb"
+    for _ in range(100):  # the library's own process may write for a moment longer
+        records = [wandb_internal_pb2.Record.FromString(data) for data in log_records(file.read_bytes())]
+        if records[-1].WhichOneof("record_type") == "exit":
+            break
+        time.sleep(0.1)
+    lines = [
+        {"/".join(item.nested_key) or item.key: json.loads(item.value_json) for item in record.history.item}
+        for record in records
+        if record.WhichOneof("record_type") == "history"
+    ]
+    assert [line["_step"] for line in lines] == list(range(1, 303))
+    for lane, name in enumerate(("seed=0", "seed=3")):
+        assert [line[f"{name}/loss"] for line in lines] == [i + 0.25 * lane for i in range(302)]
+        assert all(math.isnan(line[f"{name}/true_return"]) for line in lines)
+    (settings,) = [record.run.config for record in records if record.WhichOneof("record_type") == "run"]
+    assert {update.key: json.loads(update.value_json) for update in settings.update}["task"] == "pendulum"
 
 
 class Failing:
