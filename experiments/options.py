@@ -360,6 +360,9 @@ class Evaluate:
     """Episodes of each seed."""
     mean_action: bool = False
     """Take the policy's mean action instead of a sample."""
+    out: Annotated[
+        Path | None, explained(metavar="DIR", help="Folder of the figure and the page. Default: runs/evaluate-...")
+    ] = None
     json: Json = None
 
 

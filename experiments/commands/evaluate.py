@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import jax
 import numpy as np
 from rich.text import Text
@@ -10,13 +12,15 @@ from eairl_jax import InputError
 from eairl_jax.arguments import count
 from eairl_jax.envs import c_engine
 from eairl_jax.envs.mjx_task import MjxTask
+from eairl_jax.experiments.display import page, score_page
 from eairl_jax.experiments.display.console import Layout, console, print_rows, say
+from eairl_jax.experiments.display.plots import Dots
 from eairl_jax.experiments.options import Evaluate
 from eairl_jax.experiments.pipeline import policies
 from eairl_jax.experiments.pipeline.experiment import make_env
 from eairl_jax.experiments.pipeline.policies import Policies
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
-from eairl_jax.experiments.pipeline.train import EVALUATE, final_returns, lane_keys
+from eairl_jax.experiments.pipeline.train import EVALUATE, RUNS, final_returns, lane_keys
 from eairl_jax.storage import write_json
 
 MOST_EPISODES = 100_000
@@ -30,6 +34,7 @@ def run(options: Evaluate, command_line: str) -> None:
     if episodes < 2:
         raise InputError(f"--episodes {episodes}: expected at least 2, for a standard error")
     trained = policies.load(options.run_folder, may_be_unfinished=True)
+    folder = _page_folder(options)
     if options.json:
         check_writable(options.json)
     env = _c_engine_task(trained, options.engine)
@@ -39,11 +44,42 @@ def run(options: Evaluate, command_line: str) -> None:
         with console.status(Text(f"{trained.task}: {episodes} episodes of each seed in the C engine")):
             returns[ENGINES[options.engine]] = c_engine_returns(trained, env, episodes, sampled)
     policy = "sampled policy" if sampled else "mean action"
-    _print(f"{trained.task}: true return, {policy}, {episodes} episodes a seed", trained.seeds, returns)
+    title = f"{trained.task}: true return, {policy}, {episodes} episodes a seed"
+    columns, rows = _table(trained.seeds, returns)
+    print_rows(title, columns, rows, Layout(folded=(), apart=int(len(trained.seeds) > 1)))
+    for note in _notes(returns):
+        say(note)
+    if folder:
+        table = page.Table("Scores", columns, rows, "; ".join(_notes(returns)))
+        panels = [
+            Dots(engine, "true return, a dot an episode", {f"seed {seed}": of_seed for seed, of_seed in of_engine})
+            for engine, of_engine in ((name, zip(trained.seeds, each, strict=True)) for name, each in returns.items())
+        ]
+        facts = {"command": command_line}
+        score_page.write(folder, options.run_folder.resolve().name, title, [table], panels, facts)
+        say(f"in {folder}/; index.html shows all of it")
     if options.json:
         content = {"command_line": command_line, "task": trained.task, "seeds": trained.seeds, "machine": machine()}
         figures = {engine: each.tolist() for engine, each in returns.items()}
         write_json(options.json, content | {"returns": figures})
+
+
+def _page_folder(options: Evaluate) -> Path | None:
+    """Where the figure and the page are written; None if that is the default and it cannot be written.
+
+    Raises:
+      InputError: if the folder that the user names cannot be written.
+    """
+    name = "-".join(["evaluate", options.run_folder.resolve().name, *(["mean"] if options.mean_action else [])])
+    folder = options.out or RUNS / name
+    try:
+        check_writable(folder / "index.html")
+    except InputError as e:
+        if options.out:
+            raise
+        say(f"no figure and no page: {e}")
+        return None
+    return folder
 
 
 def _c_engine_task(trained: Policies, engine: str) -> MjxTask | None:
@@ -89,8 +125,8 @@ def c_engine_returns(trained: Policies, env: MjxTask, episodes: int, sampled: bo
     return np.stack([seed_returns(trained.lane(lane), key) for lane, key in enumerate(keys)])
 
 
-def _print(title: str, seeds: list[int], returns: dict[str, np.ndarray]) -> None:
-    """Prints the table; `returns` holds `[seeds, episodes]` by engine."""
+def _table(seeds: list[int], returns: dict[str, np.ndarray]) -> tuple[list[str], list[list[str]]]:
+    """`(titles of the columns, rows)`; `returns` holds `[seeds, episodes]` by engine."""
     titles = ["seed", *returns, *(["C over MJX"] if len(returns) > 1 else [])]
     rows = []
     for lane, seed in enumerate(seeds):
@@ -100,10 +136,12 @@ def _print(title: str, seeds: list[int], returns: dict[str, np.ndarray]) -> None
     if len(seeds) > 1:
         means = [each.mean(axis=1) for each in returns.values()]
         rows.append(["all", *(f"{each.mean():.2f} ± {each.std():.2f}" for each in means), *_difference(means)])
-    print_rows(title, titles, rows, Layout(folded=(), apart=int(len(seeds) > 1)))
-    say("a seed: mean ± standard error over its episodes; all: mean ± standard deviation over seeds")
-    if len(returns) > 1:
-        say("episodes start alike in both engines, and the policy draws the same noise")
+    return titles, rows
+
+
+def _notes(returns: dict[str, np.ndarray]) -> list[str]:
+    alike = ["episodes start alike in both engines, and the policy draws the same noise"] if len(returns) > 1 else []
+    return ["a seed: mean ± standard error over its episodes; all: mean ± standard deviation over seeds", *alike]
 
 
 def _difference(returns: list[np.ndarray]) -> list[str]:

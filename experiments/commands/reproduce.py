@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from eairl_jax import InputError
-from eairl_jax.experiments.display.console import Line, print_table, say
+from eairl_jax.experiments.display import page, score_page
+from eairl_jax.experiments.display.console import Line, print_table, say, table_of
+from eairl_jax.experiments.display.plots import Dots
 from eairl_jax.experiments.options import Imitate, Reproduce, Transfer
 from eairl_jax.experiments.paper import figures, plan, published, results, reward_distance
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, FIGURES, FIRST_SEED, Planned, retrain_variant
@@ -26,6 +28,7 @@ from eairl_jax.storage import read_json
 CURVE_POINTS = 50
 
 Plan = dict[str, list[Planned]]
+Scores = dict[str, list[Line]]
 
 
 def run(options: Reproduce, command_line: str) -> None:
@@ -47,9 +50,15 @@ def run(options: Reproduce, command_line: str) -> None:
         finished.append((table, experiments[planned], result))
     for table, result in diagnosed(finished, out):
         results.add(folder / f"{table}.json", result)
+    shown: Scores = {}
     for table in planned_of:
-        show(table, results.load(folder / f"{table}.json"), options.task)
+        scores = scores_of(table, results.load(folder / f"{table}.json"), options.task)
+        for title, lines in scores.items():
+            print_table(title, lines)
         say(f"every seed, setting and budget: {folder}/{table}.json")
+        shown |= scores
+    write_page(out, shown, command_line)
+    say(f"{out}/index.html shows all tables")
     for figure, table in FIGURES.items():
         if options.name in ("all", figure):
             figures.DRAWN[figure](results.load(folder / f"{table}.json"), out, folder, options.task)
@@ -182,19 +191,31 @@ def thinned(curves: np.ndarray, steps_per_iteration: int) -> dict[str, list]:
     return {"env_steps": steps.tolist(), "true_return": values}
 
 
-def show(table: str, loaded: list[Result], tasks: tuple[str, ...]) -> None:
-    """Prints a table for every task, and for every pair of source and target."""
-    paper = published.TABLES[table]
+def scores_of(table: str, loaded: list[Result], tasks: tuple[str, ...]) -> Scores:
+    """A title and lines for every task, and for every pair of source and target. The first line is the expert's."""
+    paper, scores = published.TABLES[table], {}
     for (task, target), group in results.by_task(loaded).items():
         if tasks and task not in tasks:
             continue
         expert = published.figure(paper, target or task, "expert")
         lines = [Line("expert", np.array([group[0].expert]), expert, 1.0)]
         for retrain_settings, result in results.ceilings(group).items():
-            note = ", ".join(["trained alike on the true reward", *filter(None, (retrain_settings,))])
-            lines.append(Line("ceiling", np.array(result.ceiling), note=note))
+            name = ", ".join(filter(None, ("ceiling", retrain_settings)))
+            lines.append(Line(name, np.array(result.ceiling), note="trained alike on the true reward"))
         for result in group:
             figure = published.figure(paper, target or task, result.method) if result.is_published else None
             name = f"{result.name}, {result.rule}" if target else result.name
             lines.append(Line(name, np.array(result.returns), figure, result.normalized))
-        print_table(f"{table}: {results.pair(group[0])}, {len(group[0].seeds)} seeds", lines)
+        scores[f"{table}: {results.pair(group[0])}, {len(group[0].seeds)} seeds"] = lines
+    return scores
+
+
+def write_page(out: Path, scores: Scores, command_line: str) -> None:
+    """Writes the page of all tables, with one figure."""
+    tables, panels = [], []
+    for title, (expert, *lines) in scores.items():
+        tables.append(page.Table(title, *table_of([expert, *lines])))
+        colors = [results.color(line.name.split(",")[0]) for line in lines]
+        dots = {line.name: line.returns for line in lines}
+        panels.append(Dots(title, "true return, a dot a seed", dots, colors, ("expert", float(expert.returns[0]))))
+    score_page.write(out, "The paper's tables", "true return of every seed", tables, panels, {"command": command_line})

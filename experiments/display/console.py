@@ -62,17 +62,22 @@ def mean_and_std(mean: float, std: float) -> str:
 
 def print_table(title: str, lines: Sequence[Line]) -> None:
     """Prints mean and standard deviation of each line beside the paper's, then the return of every seed."""
-    titles = [
-        "mean ± std",
-        *(["paper"] if any(line.paper for line in lines) else []),
-        *(["normalized"] if any(line.normalized is not None for line in lines) else []),
-    ]
-    print_rows(title, ["", *titles], [[line.name, *(_cells(line)[title] for title in titles)] for line in lines])
+    print_rows(title, *table_of(lines))
     for line in lines:
         seeds = "every seed " + "  ".join(f"{value:.2f}" for value in line.returns) if len(line.returns) > 1 else ""
         remarks = "; ".join(remark for remark in (seeds, line.note) if remark)
         if remarks:
             say(_printable(f"{line.name}: {remarks}"))
+
+
+def table_of(lines: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
+    """`(titles of the columns, rows)` of a table of scores, as texts."""
+    titles = [
+        "mean ± std",
+        *(["paper"] if any(line.paper for line in lines) else []),
+        *(["normalized"] if any(line.normalized is not None for line in lines) else []),
+    ]
+    return ["", *titles], [[line.name, *(_cells(line)[title] for title in titles)] for line in lines]
 
 
 class Layout(NamedTuple):
@@ -105,10 +110,11 @@ def print_rows(title: str, titles: Sequence[str], rows: Sequence[Sequence[str]],
     widths = [max(map(len, column)) for column in zip(titles, *rows, strict=True)]
     widths = [min(width, SHORTEST_NAME) if i in layout.folded else width for i, width in enumerate(widths)]
     # Two spaces and a border belong to each column.
+    console.print(title, style="italic", overflow="fold")
     if sum(widths) + 3 * len(widths) + 1 <= console.width:
-        console.print(_table(title, titles, rows, layout))
+        console.print(_table(titles, rows, layout))
     else:
-        _print_paragraphs(title, titles, rows)
+        _print_paragraphs(titles, rows)
 
 
 def _cells(line: Line) -> dict[str, str]:
@@ -120,8 +126,8 @@ def _cells(line: Line) -> dict[str, str]:
     }
 
 
-def _table(title: str, titles: Sequence[str], rows: Sequence[Sequence[str]], layout: Layout) -> Table:
-    table = Table(title=Text(title), title_justify="left", show_lines=layout.lines)
+def _table(titles: Sequence[str], rows: Sequence[Sequence[str]], layout: Layout) -> Table:
+    table = Table(show_lines=layout.lines)
     for i, column in enumerate(titles):
         is_text = i in layout.folded
         table.add_column(
@@ -138,8 +144,7 @@ def _table(title: str, titles: Sequence[str], rows: Sequence[Sequence[str]], lay
     return table
 
 
-def _print_paragraphs(title: str, titles: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    console.print(title, style="italic", overflow="fold")
+def _print_paragraphs(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     for name, *texts in rows:
         named = zip(titles[1:], texts, strict=True)
         shown = [f"  {column}: {text}" for column, text in named if text not in ("", "-")]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +34,25 @@ class Curve:
     level: tuple[str, float] | None = None
     color: str = ""
     style: str = "-"
+
+
+@dataclass(frozen=True)
+class Dots:
+    """A panel of scores.
+
+    Attributes:
+      title: of the panel.
+      axis: what the scores are.
+      lines: `[scores]` of each line, by its name.
+      colors: colours of matplotlib, one for each line; empty for one colour.
+      level: name and value of a vertical line to compare with.
+    """
+
+    title: str
+    axis: str
+    lines: Mapping[str, np.ndarray]
+    colors: Sequence[str] = ()
+    level: tuple[str, float] | None = None
 
 
 def figure_of(rows: int, columns: int, size: tuple[float, float], title: str):
@@ -78,6 +99,9 @@ def curve_figure(title: str, curves: Sequence[Curve], columns: int = 4):
             axis.fill_between(steps, values.min(axis=0), values.max(axis=0), color=color, alpha=0.2, lw=0)
         for name, height in dict.fromkeys(curve.level for curve in drawn if curve.level):
             _mark_level(axis, name, height)
+        if all(np.isnan(curve.values).all() for curve in drawn):
+            axis.set_yticks([])
+            axis.text(0.5, 0.5, "no episode has ended", transform=axis.transAxes, ha="center")
         axis.set_title(literal(panel), fontsize=10)
         axis.set_xlabel("environment steps of a seed; mean and range over seeds")
         axis.xaxis.set_major_formatter(EngFormatter(sep=""))
@@ -89,6 +113,7 @@ def curve_figure(title: str, curves: Sequence[Curve], columns: int = 4):
 
 def _mark_level(axis, name: str, height: float) -> None:
     axis.axhline(height, color="black", lw=0.8, ls="--")
+    axis.margins(y=0.1)  # room for the name below the panel's title
     axis.annotate(literal(name), (1, height), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)
 
 
@@ -101,17 +126,56 @@ def plot_diagnosis(path: Path, title: str, behaviours: dict[str, tuple[np.ndarra
     """
     figure, (axes,) = figure_of(1, 2, (4.6, 0.8 + 0.4 * len(behaviours)), title)
     labels = ("learned reward: 0 random actions, 1 the best known", "true return; the line is the expert's")
+    colors = ["C1", *["C0"] * (len(behaviours) - 1)]
     for panel, (axis, label, level) in enumerate(zip(axes, labels, (1.0, expert), strict=True)):
+        _dots(axis, {name: figures[panel] for name, figures in behaviours.items()}, colors)
         axis.axvline(level, color="black", lw=0.8, ls="--")
-        for line, figures in enumerate(behaviours.values()):
-            color, values = "C0" if line else "C1", figures[panel]
-            axis.plot(values, np.full(len(values), line), "o", color=color, alpha=0.6)
-            axis.plot([np.mean(values)] * 2, [line - 0.3, line + 0.3], color=color, lw=2)
-        axis.set_yticks(range(len(behaviours)), [""] * len(behaviours) if panel else list(map(literal, behaviours)))
-        axis.invert_yaxis()
         axis.set_xlabel(label)
-        axis.spines[["top", "right"]].set_visible(False)
+    axes[1].set_yticklabels([""] * len(behaviours))
     save(figure, path)
+
+
+def _dots(axis: Any, lines: Mapping[str, np.ndarray], colors: Sequence[str]) -> None:
+    """Draws a line for each name, from above to below: a dot for each score, and a bar at their mean."""
+    for line, (values, color) in enumerate(zip(lines.values(), colors, strict=True)):
+        axis.plot(values, np.full(len(values), line), "o", color=color, alpha=0.6)
+        if len(values):
+            axis.plot([np.mean(values)] * 2, [line - 0.3, line + 0.3], color=color, lw=2)
+    axis.set_yticks(range(len(lines)), list(map(literal, lines)))
+    axis.invert_yaxis()
+    axis.spines[["top", "right"]].set_visible(False)
+
+
+def plot_dots(path: Path, title: str, panels: Sequence[Dots]) -> None:
+    """Saves the picture that `dots_figure` draws."""
+    save(dots_figure(title, panels), path)
+
+
+def dots_figure(title: str, panels: Sequence[Dots]):
+    """Draws panels of scores, one below the other."""
+    from matplotlib.figure import Figure
+
+    names = [list(map(_broken, panel.lines)) for panel in panels]
+    heights = [1.0 + 0.26 * len(each) * (1 + 0.6 * max(name.count("\n") for name in each)) for each in names]
+    figure = Figure(figsize=(8.0, 0.4 + sum(heights)), layout="constrained")
+    figure.suptitle(literal(title))
+    axes = figure.subplots(len(panels), 1, squeeze=False, height_ratios=heights)
+    for axis, panel, shown in zip(axes.flat, panels, names, strict=True):
+        _dots(axis, panel.lines, panel.colors or ["C0"] * len(panel.lines))
+        axis.set_ylim(len(panel.lines) - 0.4, -0.6)
+        if panel.level:
+            name, value = panel.level
+            axis.axvline(value, color="black", lw=0.8, ls="--")
+            axis.annotate(literal(name), (value, 1), xycoords=("data", "axes fraction"), ha="center", fontsize=8)
+        axis.set_yticklabels(list(map(literal, shown)))
+        axis.set_title(literal(panel.title), fontsize=10, loc="left", pad=14)  # the level's name stands below it
+        axis.set_xlabel(panel.axis, fontsize=8)
+    return figure
+
+
+def _broken(name: str) -> str:
+    """A long name in lines, which begin with a setting: `eairl-sa` and `+entropy_weight=0.1`."""
+    return textwrap.fill(name.replace("+", " +"), 26) if len(name) > 26 else name
 
 
 def plot_sweep(

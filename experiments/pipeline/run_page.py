@@ -22,12 +22,13 @@ PICTURES = {
     "view/frames.png": "An episode",
 }
 LINKS = {"view/episode.html": "an episode, to be played", "metrics.csv": "all metrics", "summary.json": "the result"}
+CHOSEN = "chosen_iterations"
 # Lists of a summary that have a number for each seed.
 OF_SEEDS = {
     "returns": "true return",
     "returns_mean_action": "of its mean action",
     "imitation_returns": "in the source",
-    "chosen_iterations": "reward of iteration",
+    CHOSEN: "reward of iteration",
     "learned_share": "learned reward, 1 the best known",
     "ceiling": "trained on the true reward",
 }
@@ -93,7 +94,8 @@ def _seeds(summary: dict) -> page.Table:
     rows = [
         [f"seed {seed}", *(_number(values[lane]) for values in columns.values())] for lane, seed in enumerate(seeds)
     ]
-    rows.append(["mean ± std", *(_spread(values) for values in columns.values())])
+    spreads = ["" if name == CHOSEN else _spread(values) for name, values in columns.items()]
+    rows.append(["mean ± std", *spreads])
     for name, shown in (("expert", "expert"), ("random", "random actions")):
         if summary.get(name) is not None:
             rows.append([shown, _number(summary[name]), *([""] * (len(columns) - 1))])

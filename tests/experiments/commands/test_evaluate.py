@@ -18,6 +18,26 @@ def test_policies_score_alike_again_and_in_the_c_engine(finished, tmp_path, tiny
     np.testing.assert_allclose(returns["C engine"], returns["MJX"], rtol=0.02)
 
 
+def test_scores_leave_a_figure_and_a_page(finished, tmp_path, run, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("evaluate", finished, "--episodes", 2, "--mean-action") == 0
+    folder = tmp_path / "runs" / f"evaluate-{finished.name}-mean"
+    assert "seed 1" not in capsys.readouterr().out
+    text = (folder / "index.html").read_text()
+    assert "mean action, 2 episodes a seed" in text
+    assert "data:image/png;base64," in text
+    assert (folder / "scores.png").is_file()
+
+
+def test_a_place_that_cannot_be_written_costs_the_page_alone(finished, tmp_path, run, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").write_text("no folder")
+    assert run("evaluate", finished, "--episodes", 2) == 0
+    assert "no figure and no page: cannot write" in capsys.readouterr().out
+    assert run("evaluate", finished, "--episodes", 2, "--out", tmp_path / "runs" / "mine") == 2
+    assert "cannot write" in capsys.readouterr().err
+
+
 def test_a_run_without_policies_is_refused(finished, run, capsys):
     shutil.rmtree(finished / "checkpoints")
     shutil.rmtree(finished / "policy")

@@ -25,6 +25,7 @@ def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys, r
     assert run(*arguments) == 0
     printed = capsys.readouterr().out
     assert "table2: pendulum, 2 seeds" in printed
+    assert "table2: pendulum, 2 seeds" in (tmp_path / "index.html").read_text()
     rows = json.loads((tmp_path / "table2.json").read_text())["rows"]
     assert [(r["name"], r["task"], r.get("target"), r["seeds"]) for r in rows] == [
         ("bc", "point_maze_left", None, [20, 21]), ("bc", "pendulum", None, [20, 21]),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 
-from eairl_jax.experiments.display.plots import Curve, curve_figure, plot, plot_sweep
+from eairl_jax.experiments.display.plots import Curve, Dots, curve_figure, dots_figure, plot, plot_sweep
 
 
 def test_a_curve_shows_the_mean_and_the_range_over_seeds():
@@ -52,6 +52,28 @@ def test_a_picture_is_there_only_when_it_is_whole(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         plot(tmp_path / "curves.png", "title", [Curve("return", "", np.ones((2, 3)), 10)])
     assert not (tmp_path / "curves.png").exists()
+
+
+def test_scores_are_dots_with_their_mean_and_a_level():
+    lines = {"eairl-sa+entropy_weight=0.1+lambda_i=0.5": np.array([1.0, 3.0]), "gail": np.array([])}
+    figure = dots_figure("title", [Dots("a", "return", lines, ["C3", "C1"], ("expert", 5.0)), Dots("b", "x", lines)])
+    first, second = figure.axes
+    dots, mean, expert = (line for line in first.lines if len(line.get_xdata()))
+    assert (list(dots.get_xdata()), list(dots.get_ydata()), dots.get_color()) == ([1.0, 3.0], [0, 0], "C3")
+    assert set(mean.get_xdata()) == {2.0}
+    assert set(expert.get_xdata()) == {5.0}
+    assert [label.get_text() for label in first.get_yticklabels()] == [
+        "eairl-sa\n+entropy_weight=0.1\n+lambda_i=0.5",
+        "gail",
+    ]
+    assert first.get_ylim()[0] > first.get_ylim()[1]  # the first line is the upper one
+    assert (second.get_title(loc="left"), second.lines[0].get_color()) == ("b", "C0")
+
+
+def test_a_panel_in_which_no_episode_has_ended_says_so():
+    (axis,) = curve_figure("title", [Curve("return", "", np.full((2, 3), np.nan), 10)]).axes
+    assert [text.get_text() for text in axis.texts] == ["no episode has ended"]
+    assert list(axis.get_yticks()) == []
 
 
 def test_a_sweep_shows_a_dot_for_each_seed_and_the_expert(tmp_path, monkeypatch):
