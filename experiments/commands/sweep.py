@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from urllib.parse import quote
+
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.commands.saturation import warn_if_saturated
-from eairl_jax.experiments.display.console import Line, print_table, say, say_if_no_expert, with_references
+from eairl_jax.experiments.display import page
+from eairl_jax.experiments.display.console import (
+    Line,
+    print_table,
+    say,
+    say_if_no_expert,
+    table_of,
+    with_references,
+)
 from eairl_jax.experiments.options import Sweep
 from eairl_jax.experiments.pipeline import divergence
 from eairl_jax.experiments.pipeline.default_folder import default_path
@@ -30,9 +41,21 @@ def run(options: Sweep, command_line: str) -> None:
         draw_sweeps(out / "curves.png", f"{options.method} in {options.task}", done)
     lines = with_references(lines, result.expert, result.random)
     title = first.name if len(done) == 1 else options.method
-    print_table(f"{title} in {result.task}: true return, {options.seeds} seeds for each setting", lines)
+    described = f"true return, {options.seeds} seeds for each setting"
+    print_table(f"{title} in {result.task}: {described}", lines)
+    if len(done) > 1:
+        runs = [path.name for _, path, _ in done]
+        _write_page(out, f"{title} in {result.task}", described, lines, runs, command_line)
     say_if_no_expert(result.task, result.expert)
-    say(f"in {out}/; curves.png shows the settings side by side")
+    say(f"in {out}/; index.html shows the settings side by side")
+
+
+def _write_page(out: Path, title: str, subtitle: str, lines: list[Line], runs: list[str], command_line: str) -> None:
+    """Writes the page of several programs, with a link to the page of each."""
+    picture = page.Picture("The settings side by side", page.data_url((out / "curves.png").read_bytes(), "png"))
+    links = [page.Link(name, f"{quote(name)}/index.html") for name in runs]
+    table = page.Table("Result", *table_of(lines))
+    page.write(out / "index.html", page.Page(title, subtitle, [table], [picture], links, {"command": command_line}))
 
 
 def _lines(experiment: Experiment, result: Result, seeds: int) -> list[Line]:

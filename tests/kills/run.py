@@ -56,6 +56,8 @@ TRIALS = ("trials=3", "trial_iterations=2", "random_trials=1", "--restarts", "2"
 TRANSFER = ("transfer", "pendulum", "pendulum", "--seeds", "1", "--out", RUN, "--set", *TINY, "--retrain-set")
 COMMANDS = {
     "imitate": ("imitate", "pendulum", "--seeds", "2", "--out", RUN, "--set", *TINY),
+    "more": ("imitate", "pendulum", "--seeds", "2", "--out", RUN, "--more", "6", "--set", *TINY),
+    "more-seeds": ("imitate", "pendulum", "--seeds", "1", "--out", RUN, "--more-seeds", "1", "--set", *TINY),
     "expert": ("expert", "pendulum", "--seeds", "2", "--out", RUN, "--set", *TINY_POLICY),
     "sweep": ("sweep", "pendulum", "--seeds", "1", "--out", RUN, "--set", *TINY, "lambda_i=0,0.1"),
     "transfer-last": (*TRANSFER, *TINY_POLICY, *TRIALS, "--rule", "last"),

@@ -1,6 +1,8 @@
 """`eairl sweep`: all points in one program."""
 
 import json
+import re
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -79,6 +81,10 @@ def test_a_sweep_may_go_over_names(tmp_path, tiny, capsys, run, table):
         assert f"{summary['mean']:.2f}" in line
         assert load_reward(folder / "points" / "all" / "reward").config.activation == name
     assert (tmp_path / "sweep" / "curves.png").read_bytes().startswith(b"\x89PNG")
+    shown = (tmp_path / "sweep" / "index.html").read_text()
+    for link in re.findall('href="([^"]*)"', shown):
+        assert (tmp_path / "sweep" / unquote(link)).is_file()
+    assert shown.count("activation tanh") == 1
     assert run(*arguments, "activation=relu,relu") == 2
     assert "expected different values" in capsys.readouterr().err
     assert run(*arguments, "activation=relu,tan") == 2
