@@ -9,7 +9,7 @@ import numpy as np
 from eairl_jax.experiments.display.console import console, mean_and_std, print_rows, say
 from eairl_jax.experiments.display.plots import plot_diagnosis
 from eairl_jax.experiments.options import Diagnose
-from eairl_jax.experiments.pipeline import divergence, policies
+from eairl_jax.experiments.pipeline import divergence, policies, run_page
 from eairl_jax.experiments.pipeline.diagnosis import FILE, FOUND, TRAINED, Diagnosis, diagnose, played
 from eairl_jax.experiments.pipeline.experiment import restored_target
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
@@ -26,7 +26,8 @@ def run(options: Diagnose, command_line: str) -> None:
     _print(path.name, [settings["seeds"][lane] for lane in kept], diagnosis)
     drawn = {name: (diagnosis.share_of(name), each.true) for name, each in diagnosis.behaviours.items()}
     plot_diagnosis(path / "diagnosis.png", path.name, drawn, diagnosis.reference.expert)
-    say(f"every figure: {path / FILE}; as a picture: {path / 'diagnosis.png'}")
+    run_page.write(path)
+    say(f"every figure: {path / FILE}; as a picture: {path / 'diagnosis.png'}, also in {path / run_page.PAGE}")
 
 
 def _print(title: str, seeds: list[int], diagnosis: Diagnosis) -> None:

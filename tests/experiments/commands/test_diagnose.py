@@ -32,6 +32,7 @@ def test_a_transfer_is_judged_beside_other_behaviours(transferred, run, table, c
     assert (np.array(other["learned"]) >= np.array(own["learned"]) - 1e-5).all()
     assert max(other["learned"]) > min(behaviours["random actions"]["learned"])
     assert (transferred / "diagnosis.png").stat().st_size > 10_000
+    assert "What the learned reward is worth" in (transferred / "index.html").read_text()
     assert max(content["share"]) <= 1.0
 
 
