@@ -105,6 +105,29 @@ MoreSeeds = Annotated[
         "then hold all seeds."
     ),
 ]
+Cluster = Annotated[
+    Literal["slurm", "local"] | None,
+    explained(
+        help="Train as jobs of a cluster, one for each program. slurm: the queue; a pre-empted job goes on from its "
+        "checkpoint. local: processes of this machine, all at once. The command without --cluster prints the table "
+        "when the jobs are done."
+    ),
+]
+ClusterSet = Annotated[
+    tuple[str, ...],
+    explained(
+        metavar="NAME=VALUE",
+        help="Parameters of the jobs as submitit names them, e.g. timeout_min=600 slurm_partition=gpu gpus_per_node=1.",
+    ),
+]
+Program = Annotated[
+    int | None,
+    explained(
+        metavar="N",
+        help="Train only this one of the command's programs, 0 the first, and print no table: to spread a command over "
+        "machines by hand. Jobs of --cluster are started with it.",
+    ),
+]
 Net = Annotated[
     str | None,
     explained(
@@ -217,6 +240,9 @@ class Imitate:
     more_seeds: MoreSeeds = 0
     track: Track = ()
     on_nan: OnNan = "stop"
+    cluster: Cluster = None
+    cluster_set: ClusterSet = ()
+    program: Program = None
     out: Out = None
     set: Set = ()
 
@@ -241,6 +267,9 @@ class Sweep:
     demos: Demos = None
     track: Track = ()
     on_nan: OnNan = "stop"
+    cluster: Cluster = None
+    cluster_set: ClusterSet = ()
+    program: Program = None
     out: Out = None
     set: Annotated[
         tuple[str, ...],
@@ -283,6 +312,9 @@ class Transfer:
     net: Net = None
     track: Track = ()
     on_nan: OnNan = "stop"
+    cluster: Cluster = None
+    cluster_set: ClusterSet = ()
+    program: Program = None
     out: Annotated[Path | None, explained(metavar="DIR", help="Folder for the runs' folders. Default: runs/.")] = None
     set: Set = ()
     retrain_set: Annotated[
@@ -317,6 +349,9 @@ class Reproduce:
     """Train a small version in minutes, by the same code: two seeds, 20 iterations, pendulum and mazes."""
     seeds: Seeds = 5
     task: Annotated[tuple[str, ...], explained(metavar="NAME", help="Only these (source) tasks.")] = ()
+    cluster: Cluster = None
+    cluster_set: ClusterSet = ()
+    program: Program = None
     out: Annotated[Path | None, explained(metavar="DIR", help="Folder of the runs. Default: runs/reproduce.")] = None
     results: Annotated[
         Path | None,

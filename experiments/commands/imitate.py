@@ -8,16 +8,18 @@ from eairl_jax.experiments.commands.saturation import warn_if_saturated
 from eairl_jax.experiments.display.console import Line, print_table, say, say_if_no_expert, with_references
 from eairl_jax.experiments.options import Imitate
 from eairl_jax.experiments.paper import published
-from eairl_jax.experiments.pipeline import divergence
+from eairl_jax.experiments.pipeline import cluster, divergence
 from eairl_jax.experiments.pipeline.default_folder import default_path
 from eairl_jax.experiments.pipeline.experiment import imitations
 from eairl_jax.experiments.pipeline.run import run as run_experiment
+from eairl_jax.experiments.pipeline.train import RUNS
 
 
 def run(options: Imitate, command_line: str) -> None:
     """Runs an experiment for each method and reward form, and prints one table."""
     experiments, results = imitations(options), []
-    for experiment in experiments:
+    jobs = [[experiment] for experiment in experiments]
+    for experiment in cluster.mine(options, jobs, options.out or RUNS, command_line):
         # --out is the run's folder; where several runs share it, each has a folder in it.
         path = default_path(options, experiment.folder_name(), experiment.settings())
         if options.out:
@@ -25,6 +27,8 @@ def run(options: Imitate, command_line: str) -> None:
         results.append(run_experiment(experiment, path, command_line))
         say(f"{experiment.name}: in {path}/")
         warn_if_saturated(results[-1])
+    if not results or options.program is not None:
+        return
     task, reference = options.task, experiments[0].source.reference
     expert = published.figure(published.IMITATION, task, "expert")
     lines, count = [], options.seeds

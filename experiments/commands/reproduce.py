@@ -16,7 +16,7 @@ from eairl_jax.experiments.display.plots import Dots
 from eairl_jax.experiments.options import Imitate, Reproduce, Transfer
 from eairl_jax.experiments.paper import figures, plan, published, results, reward_distance
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, FIGURES, FIRST_SEED, Planned, retrain_variant
-from eairl_jax.experiments.pipeline import stages
+from eairl_jax.experiments.pipeline import cluster, stages
 from eairl_jax.experiments.pipeline.diagnosis import FILE, Diagnosis, diagnose, played
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations, transfers
 from eairl_jax.experiments.pipeline.run import Result, learning_folder
@@ -44,10 +44,13 @@ def run(options: Reproduce, command_line: str) -> None:
     for table, planned_all in planned_of.items():
         refuse_other_results(folder / f"{table}.json", {p.identity: experiments[p] for p in planned_all})
     finished: list[tuple[str, Experiment, Result]] = []
-    for table, planned in plan.cheapest_first(planned_of):
+    jobs = cluster.groups(plan.cheapest_first(planned_of), lambda each: learning_folder(experiments[each[1]], out).path)
+    for table, planned in cluster.mine(options, jobs, out, command_line):
         result = train(experiments[planned], out, command_line)
         results.add(folder / f"{table}.json", result)
         finished.append((table, experiments[planned], result))
+    if not finished or options.program is not None:
+        return
     for table, result in diagnosed(finished, out):
         results.add(folder / f"{table}.json", result)
     shown: Scores = {}

@@ -17,7 +17,7 @@ from eairl_jax.experiments.display.console import (
     with_references,
 )
 from eairl_jax.experiments.options import Sweep
-from eairl_jax.experiments.pipeline import divergence
+from eairl_jax.experiments.pipeline import cluster, divergence
 from eairl_jax.experiments.pipeline.default_folder import default_path
 from eairl_jax.experiments.pipeline.experiment import Experiment, sweeps
 from eairl_jax.experiments.pipeline.run import Result, draw_sweeps, point_name
@@ -30,12 +30,14 @@ def run(options: Sweep, command_line: str) -> None:
     first = experiments[0]
     name = first.folder_name() if len(experiments) == 1 else f"sweep-{file_name(options.task)}-{options.method}"
     out = options.out or default_path(options, name, first.settings())
-    for experiment in experiments:
+    for experiment in cluster.mine(options, [[each] for each in experiments], out, command_line):
         path = out if len(experiments) == 1 else out / experiment.name
         result = run_experiment(experiment, path, command_line)
         warn_if_saturated(result)
         done.append((experiment, path, result))
         lines += _lines(experiment, result, options.seeds)
+    if not done or options.program is not None:
+        return
     result = done[0][2]
     if len(done) > 1:
         draw_sweeps(out / "curves.png", f"{options.method} in {options.task}", done)

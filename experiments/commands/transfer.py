@@ -12,7 +12,7 @@ from eairl_jax.experiments.commands.saturation import warn_if_saturated
 from eairl_jax.experiments.display.console import Line, print_table, say, say_if_no_expert, with_references
 from eairl_jax.experiments.options import Transfer
 from eairl_jax.experiments.paper import published
-from eairl_jax.experiments.pipeline import divergence, user_networks
+from eairl_jax.experiments.pipeline import cluster, divergence, user_networks
 from eairl_jax.experiments.pipeline.default_folder import changed_options, default_path
 from eairl_jax.experiments.pipeline.experiment import measured, refuse_other_sizes, target_of, transfers
 from eairl_jax.experiments.pipeline.run import Result, learning_folder, reuse
@@ -28,13 +28,17 @@ def run(options: Transfer, command_line: str) -> None:
     out = options.out or RUNS
     if options.net and not options.reward:
         raise InputError("--net is of a saved reward (--reward): to learn a reward with a network say --set net=...")
+    if options.reward and options.cluster:
+        raise InputError("--cluster is for what is learned: a saved reward (--reward) is one program")
     results = [_reuse(options, out, command_line)] if options.reward else _learn_and_use(options, out, command_line)
-    _print(options, results)
+    if results and options.program is None:
+        _print(options, results)
 
 
 def _learn_and_use(options: Transfer, out: Path, command_line: str) -> list[Result]:
     results = []
-    for experiment in transfers(options):
+    jobs = cluster.groups(transfers(options), lambda each: learning_folder(each, out).path)
+    for experiment in cluster.mine(options, jobs, out, command_line):
         path = out / experiment.folder_name()
         if not options.out:
             path = default_path(options, experiment.folder_name(), experiment.settings())

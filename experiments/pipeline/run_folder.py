@@ -13,6 +13,7 @@ import resource
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
+from contextvars import ContextVar
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,9 @@ BYTE_ORDER_MARK = "\ufeff"
 # Defaults that have changed. The folders of runs are named after the settings that differ from these values.
 FORMER_DEFAULTS = {"episode_length": 100}
 PACKAGES = ("eairl-jax", "jax", "brax", "mujoco", "mujoco-mjx", "flax", "optax", "orbax-checkpoint", "numpy")
+
+WAITS: ContextVar[bool] = ContextVar("WAITS", default=False)
+"""Whether a training waits while another process trains in its folder: jobs of a cluster share those of ceilings."""
 
 
 class RunFolder:
@@ -92,11 +96,12 @@ class RunFolder:
         """Keeps other processes from training in the folder: they would mix their metrics and checkpoints.
 
         Raises:
-          InputError: if another process is training in the folder, or if it cannot be written.
+          InputError: if another process is training in the folder (unless `WAITS` is set, which waits for it), or if
+            the folder cannot be written.
         """
         self.prepare()
         try:
-            with filelock.FileLock(self.path / ".lock", timeout=0):
+            with filelock.FileLock(self.path / ".lock", timeout=-1 if WAITS.get() else 0):
                 yield
         except filelock.Timeout:
             raise InputError(
