@@ -8,14 +8,18 @@ import sys
 if __name__ == "__main__" and not sys.flags.safe_path:
     del sys.path[0]
 
+import contextlib
+import dataclasses
 import errno
 import importlib
 import os
 import shlex
-from typing import NoReturn
+from collections.abc import Iterator
+from typing import Any, NoReturn
 
 import tyro
 
+from eairl_jax import processes
 from eairl_jax.errors import InputError
 from eairl_jax.experiments.command_line import normalised
 from eairl_jax.experiments.display.plain import print_anything
@@ -45,15 +49,18 @@ def main(arguments: list[str] | None = None) -> None:
         _exit(str(e), 2)
     options = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="eairl", description=DESCRIPTION, args=each_once)
     (name,) = (name for name, record in COMMANDS.items() if type(options) is record)
+    where = _meeting(options)
     if name not in WITHOUT_JAX:
         _configure_jax()
-    from eairl_jax import Diverged
+    from eairl_jax import Diverged, ProcessLost
     from eairl_jax.experiments.pipeline.interruption import STOPPED, Interrupted, exit_on_sigterm
 
     command = importlib.import_module(f"eairl_jax.experiments.commands.{name}")
     exit_on_sigterm()
     try:
-        command.run(options, shlex.join(["eairl", *arguments]))
+        with _team(where, options) as leads:
+            if leads:
+                command.run(options, shlex.join(["eairl", *arguments]))
     except InputError as e:
         _exit(str(e), 2)
     except OSError as e:
@@ -61,12 +68,49 @@ def main(arguments: list[str] | None = None) -> None:
         cure = "free some disk" if is_full else "put this right"
         advice = f"what was computed up to the last checkpoint is kept: {cure}, then repeat the command to go on"
         _exit(f"{e.strerror or e} ({e.filename or 'disk'}); {advice}", 2)
-    except Diverged as e:
+    except (Diverged, ProcessLost) as e:
         _exit(str(e), 1)
     except Interrupted as e:
         _exit(STOPPED, e.code)
     except KeyboardInterrupt:
         _exit(STOPPED, 130)
+
+
+def _meeting(options: Any) -> processes.Meeting | None:
+    """Where the command meets other processes; None if it trains nothing, or is alone."""
+    if not hasattr(options, "coordinator"):
+        return None
+    try:
+        return processes.meeting(options.coordinator, options.processes, options.process)
+    except InputError as e:
+        _exit(str(e), 2)
+
+
+@contextlib.contextmanager
+def _team(where: processes.Meeting | None, options: Any) -> Iterator[bool]:
+    """Meets the other processes. Gives whether this process runs the command; the others have served when it ends."""
+    if where is None:
+        yield True
+        return
+    from eairl_jax.experiments.display.console import say
+    from eairl_jax.experiments.pipeline.interruption import Interruption
+
+    settings = {
+        f"--{field.name.replace('_', '-')}": str(getattr(options, field.name))
+        for field in dataclasses.fields(options)
+        if field.name not in ("coordinator", "process")
+    }
+    joined = processes.join(where, {"command": type(options).__name__.lower()} | settings)
+    if isinstance(joined, processes.Team):
+        say(f"{len(joined.devices)} processes, with {' + '.join(map(str, joined.devices))} devices")
+        with processes.leading(joined):
+            yield True
+        return
+    with Interruption() as interruption:
+        failed = processes.serve(joined, lambda: interruption.asked)
+    yield False
+    if failed:  # process 0 has said why
+        sys.exit(1)
 
 
 def _configure_jax() -> None:
