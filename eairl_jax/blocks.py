@@ -1,10 +1,10 @@
 """A block: the lanes of one process, as flat lists of arrays, computed by exported programs.
 
-A run of several processes (`processes`) has a block in each of them. Process 0 exports its programs by `jax.export`, so
-the others need no Python of the algorithm. A program is that of one device, with the lanes of one device, so it does not
-depend on the number of processes. Lanes come out bit-equal in any number of processes if each device has as many of them
-as before. One case is apart: XLA compiles a program for a single device in another way than for several. Processes that
-use one device each therefore differ in the last bits from one process with several devices.
+A run of several processes (`processes`) has a block in each of them. Process 0 exports its programs by `jax.export`,
+so the others need no Python of the algorithm. A program is that of one device, with the lanes of one device, so it does
+not depend on the number of processes. Lanes come out bit-equal in any number of processes if each device has as many of
+them as before. One case is apart: XLA compiles a program for a single device in another way than for several. Processes
+that use one device each therefore differ in the last bits from one process with several devices.
 """
 
 from __future__ import annotations
