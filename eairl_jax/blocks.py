@@ -18,7 +18,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from eairl_jax.errors import InputError
-from eairl_jax.processes import Arrays, Team
+from eairl_jax.processes import Arrays, Team, check_lanes
 from eairl_jax.types import HParams, PyTree
 
 LANES = "lanes"
@@ -221,11 +221,7 @@ def share(lanes: int, devices: Sequence[int]) -> tuple[list[int], int]:
     Raises:
       InputError: if there are more processes than lanes.
     """
-    if lanes < len(devices):
-        raise InputError(
-            f"{len(devices)} processes are too many for {lanes} lanes (seeds, or points of a sweep times seeds): start "
-            f"at most {lanes}, or give more --seeds"
-        )
+    check_lanes(lanes, len(devices))
     used = [0] * len(devices)
     while sum(used) < min(lanes, sum(devices)):
         for process, count in enumerate(devices):

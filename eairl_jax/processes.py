@@ -42,11 +42,12 @@ WAIT_S = 300
 SILENCE_S = 30
 """After how many seconds without a sign of life a host is taken for dead."""
 LAUNCHERS = {
-    "SLURM (srun)": ("SLURM_NTASKS", ("SLURM_JOB_ID", "SLURM_STEP_NODELIST", "SLURM_PROCID", "SLURM_LOCALID")),
-    "Open MPI (mpirun)": ("OMPI_COMM_WORLD_SIZE", ("OMPI_MCA_orte_hnp_uri", "OMPI_COMM_WORLD_RANK")),
-    "Kubernetes (an indexed job)": ("", ("KUBERNETES_SERVICE_HOST", "JOB_COMPLETION_INDEX")),
+    "SLURM": ("SLURM_PROCID", "SLURM_NTASKS", ("SLURM_JOB_ID", "SLURM_STEP_NODELIST", "SLURM_LOCALID")),
+    "Open MPI": ("OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE", ("OMPI_MCA_orte_hnp_uri",)),
+    "Kubernetes": ("JOB_COMPLETION_INDEX", "", ("KUBERNETES_SERVICE_HOST",)),
 }
-"""Launchers that JAX knows: the variable with the number of processes, and the others by which JAX finds each."""
+"""Launchers that JAX knows: the variables of the number of the process and of all processes, and the other variables by
+which JAX finds the launcher. JAX asks Kubernetes itself how many there are."""
 GO_ON = "start all processes again: a training goes on from its last checkpoint"
 ALONE = "--processes 1 runs a process alone"
 KEY = "eairl_jax"
@@ -56,7 +57,7 @@ Arrays = list[np.ndarray]
 
 
 class Meeting(NamedTuple):
-    """Where processes meet. All fields are None if a launcher has started the processes, and JAX asks the launcher.
+    """Where processes meet. If a launcher has started them, JAX asks the launcher for the fields that are None.
 
     Attributes:
       coordinator: "host:port" of process 0.
@@ -86,10 +87,10 @@ def meeting(
     if processes is not None and processes < 1:
         raise InputError(f"--processes {processes}: expected at least 1")
     if coordinator is None and process is None:
-        if processes == 1 or (processes is None and launcher(os.environ if environ is None else environ) is None):
+        if processes == 1:
             return None
         if processes is None:
-            return Meeting()
+            return _launched(os.environ if environ is None else environ)
     if coordinator is None or processes is None or process is None:
         given = {"--coordinator": coordinator, "--processes": processes, "--process": process}
         missing = " and ".join(name for name, value in given.items() if value is None)
@@ -110,11 +111,12 @@ def meeting(
     return None if processes == 1 else Meeting(coordinator, processes, process)
 
 
-def launcher(environ: Mapping[str, str]) -> str | None:
-    """The launcher that has started several processes, in words; None if there is none, or if it started one."""
-    for name, (count, others) in LAUNCHERS.items():
-        if all(environ.get(each) for each in (*others, *filter(None, [count]))):
-            return name if not count or environ[count].strip() != "1" else None
+def _launched(environ: Mapping[str, str]) -> Meeting | None:
+    """The meeting of processes that a launcher has started; None if there is no launcher, or if it started one."""
+    for process, count, others in LAUNCHERS.values():
+        if all(environ.get(each, "").strip() for each in (process, *filter(None, [count]), *others)):
+            is_alone = bool(count) and environ[count].strip() == "1"
+            return None if is_alone else Meeting(process=int(environ[process]))
     return None
 
 
@@ -149,7 +151,7 @@ class Peer:
         Raises:
           ProcessLost: if the other end is gone.
         """
-        whole = [np.ascontiguousarray(each) for each in arrays]
+        whole = [np.asarray(each, order="C") for each in arrays]
         head = json.dumps({"values": values, "arrays": [[each.dtype.name, each.shape] for each in whole]}).encode()
         try:
             self._socket.sendall(struct.pack("!Q", len(head)) + head)
@@ -262,6 +264,15 @@ class Team:
             worker.close()
 
 
+def check_lanes(lanes: int, processes: int) -> None:
+    """Raises `InputError` if there are more processes than lanes."""
+    if lanes < processes:
+        raise InputError(
+            f"{processes} processes are too many for {lanes} lanes (seeds, or points of a sweep times seeds): start at "
+            f"most {lanes}, or train more seeds"
+        )
+
+
 _TEAM: ContextVar[Team | None] = ContextVar("team", default=None)
 
 
@@ -347,7 +358,7 @@ def _initialize(where: Meeting) -> tuple[int, int, Any]:
     finally:
         alarm.cancel()
         for number, handler in handlers.items():
-            signal.signal(number, handler)
+            signal.signal(number, handler or signal.SIG_DFL)
     state = distributed.global_state
     return state.process_id, state.num_processes, state.client
 
@@ -444,8 +455,10 @@ def _difference(ours: dict[str, str], theirs: dict[str, str], peer: Peer) -> str
     different = [name for name in sorted(ours | theirs) if ours.get(name) != theirs.get(name)]
     if not different:
         return ""
-    shown = "; ".join(f"{name}: {ours.get(name, 'not set')} and {theirs.get(name, 'not set')}" for name in different)
-    return f"process 0 and {peer.name} have different settings ({shown:.300}): give every process the same command"
+    shown = "; ".join(
+        f"{name}: {ours.get(name, 'not given')} and {theirs.get(name, 'not given')}" for name in different[:4]
+    )
+    return f"process 0 and {peer.name} have different settings ({shown}): give every process the same command"
 
 
 # The other processes -------------------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ import tyro
 
 from eairl_jax import processes
 from eairl_jax.errors import InputError
-from eairl_jax.experiments.command_line import normalised
+from eairl_jax.experiments.command_line import ASSIGNMENTS, normalised
 from eairl_jax.experiments.display.plain import print_anything
 from eairl_jax.experiments.options import COMMANDS
 from eairl_jax.version import __version__
@@ -51,7 +51,7 @@ def main(arguments: list[str] | None = None) -> None:
     (name,) = (name for name, record in COMMANDS.items() if type(options) is record)
     where = _meeting(options)
     if name not in WITHOUT_JAX:
-        _configure_jax()
+        _configure_jax(says_costs=where is None or not where.process)
     from eairl_jax import Diverged, ProcessLost
     from eairl_jax.experiments.pipeline.interruption import STOPPED, Interrupted, exit_on_sigterm
 
@@ -95,12 +95,7 @@ def _team(where: processes.Meeting | None, options: Any) -> Iterator[bool]:
     from eairl_jax.experiments.display.console import say
     from eairl_jax.experiments.pipeline.interruption import Interruption
 
-    settings = {
-        f"--{field.name.replace('_', '-')}": str(getattr(options, field.name))
-        for field in dataclasses.fields(options)
-        if field.name not in ("coordinator", "process")
-    }
-    joined = processes.join(where, {"command": type(options).__name__.lower()} | settings)
+    joined = processes.join(where, _shared(options))
     if isinstance(joined, processes.Team):
         say(f"{len(joined.devices)} processes, with {' + '.join(map(str, joined.devices))} devices")
         with processes.leading(joined):
@@ -113,15 +108,27 @@ def _team(where: processes.Meeting | None, options: Any) -> Iterator[bool]:
         sys.exit(1)
 
 
-def _configure_jax() -> None:
-    """Sets up jax, and says what the user's own variables cost."""
+def _shared(options: Any) -> dict[str, str]:
+    """What every process must have been given alike, each by its name."""
+    shared = {"command": type(options).__name__.lower()}
+    for field in dataclasses.fields(options):
+        value, name = getattr(options, field.name), f"--{field.name.replace('_', '-')}"
+        if name in ASSIGNMENTS:
+            shared |= {f"{name} {each.partition('=')[0]}": each.partition("=")[2] for each in value}
+        elif field.name not in ("coordinator", "process"):
+            shared[name] = " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+    return shared
+
+
+def _configure_jax(says_costs: bool) -> None:
+    """Sets up jax, and perhaps says what the user's own variables cost."""
     from eairl_jax import xla
 
     for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
         if not os.path.isabs(os.environ.get(name, os.sep)):  # the standard says to ignore a relative folder
             del os.environ[name]
     try:
-        remarks = xla.costs(os.environ, xla.usable_cores()) if "jax" not in sys.modules else []
+        remarks = xla.costs(os.environ, xla.usable_cores()) if says_costs and "jax" not in sys.modules else []
         xla.configure_jax()
         xla.refuse_double_precision()
     except InputError as e:
