@@ -18,7 +18,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from eairl_jax.errors import InputError
-from eairl_jax.processes import Arrays, Team, check_lanes
+from eairl_jax.processes import Arrays, Peer, Team, check_lanes
 from eairl_jax.types import HParams, PyTree
 
 LANES = "lanes"
@@ -84,6 +84,33 @@ class Block:
     def _spread(self, program: np.ndarray, in_specs: tuple) -> Any:
         one_device = jax.export.deserialize(bytearray(program)).call
         return jax.shard_map(one_device, mesh=self._mesh, in_specs=in_specs, out_specs=self._of_lanes, check_vma=False)
+
+
+def serve(leader: Peer, asked: Callable[[], int | None] = lambda: None) -> bool:
+    """Computes what process 0 asks for, until process 0 ends; returns whether it failed.
+
+    Args:
+      asked: the signal that has asked this process to stop, if one has. Process 0 hears of it with the next answer.
+
+    Raises:
+      ProcessLost: if process 0 is gone.
+    """
+    blocks: dict[int, Block] = {}
+    while True:
+        request, arrays = leader.receive()
+        if request["call"] == "end":
+            return request["failed"]
+        for number in request["freed"]:
+            blocks.pop(number, None)
+        try:
+            if request["call"] == "make":
+                blocks[request["block"]] = Block(arrays, **request["values"])
+                values, result = {}, []
+            else:
+                values, result = blocks[request["block"]].call(request["call"], arrays, request["values"])
+        except Exception as e:  # whatever it is, process 0 says it
+            values, result = {"error": f"{type(e).__name__}: {e}"}, []
+        leader.send(values | {"number": request["number"], "asked": asked()}, result)
 
 
 class Spread(NamedTuple):

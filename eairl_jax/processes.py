@@ -27,7 +27,7 @@ import socket
 import struct
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -304,7 +304,7 @@ def join(where: Meeting, settings: dict[str, str]) -> Team | Peer:
       settings: what must be the same in every process, each by its name.
 
     Returns:
-      In process 0 the team; in the others process 0, for `serve`.
+      In process 0 the team; in the others process 0, for `blocks.serve`.
 
     Raises:
       InputError: if the settings, the versions or the kinds of devices differ.
@@ -459,35 +459,3 @@ def _difference(ours: dict[str, str], theirs: dict[str, str], peer: Peer) -> str
         f"{name}: {ours.get(name, 'not given')} and {theirs.get(name, 'not given')}" for name in different[:4]
     )
     return f"process 0 and {peer.name} have different settings ({shown}): give every process the same command"
-
-
-# The other processes -------------------------------------------------------------------------------------------------
-
-
-def serve(leader: Peer, asked: Callable[[], int | None] = lambda: None) -> bool:
-    """Computes what process 0 asks for, until process 0 ends; returns whether it failed.
-
-    Args:
-      asked: the signal that has asked this process to stop, if one has. Process 0 hears of it with the next answer.
-
-    Raises:
-      ProcessLost: if process 0 is gone.
-    """
-    from eairl_jax.blocks import Block
-
-    blocks: dict[int, Block] = {}
-    while True:
-        request, arrays = leader.receive()
-        if request["call"] == "end":
-            return request["failed"]
-        for number in request["freed"]:
-            blocks.pop(number, None)
-        try:
-            if request["call"] == "make":
-                blocks[request["block"]] = Block(arrays, **request["values"])
-                values, result = {}, []
-            else:
-                values, result = blocks[request["block"]].call(request["call"], arrays, request["values"])
-        except Exception as e:  # whatever it is, process 0 says it
-            values, result = {"error": f"{type(e).__name__}: {e}"}, []
-        leader.send(values | {"number": request["number"], "asked": asked()}, result)

@@ -92,6 +92,7 @@ def _team(where: processes.Meeting | None, options: Any) -> Iterator[bool]:
     if where is None:
         yield True
         return
+    from eairl_jax import blocks
     from eairl_jax.experiments.display.console import say
     from eairl_jax.experiments.pipeline.interruption import Interruption
 
@@ -102,7 +103,7 @@ def _team(where: processes.Meeting | None, options: Any) -> Iterator[bool]:
             yield True
         return
     with Interruption() as interruption:
-        failed = processes.serve(joined, lambda: interruption.asked)
+        failed = blocks.serve(joined, lambda: interruption.asked)
     yield False
     if failed:  # process 0 has said why
         sys.exit(1)

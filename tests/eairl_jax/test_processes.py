@@ -139,7 +139,7 @@ def walked(out):
 
 CHILD = """
 import os, signal, sys
-from eairl_jax import InputError, ProcessLost, processes, xla
+from eairl_jax import InputError, ProcessLost, blocks, processes, xla
 xla.configure_jax()
 sys.path.insert(0, {tests!r})
 where, role = sys.argv[1], sys.argv[2]
@@ -159,7 +159,7 @@ try:
             if {dies}:
                 os.kill(os.getpid(), signal.SIGKILL)
     else:
-        print("served", processes.serve(team))
+        print("served", blocks.serve(team))
 except (InputError, ProcessLost) as e:
     print(type(e).__name__, e)
 """

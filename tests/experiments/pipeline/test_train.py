@@ -208,7 +208,7 @@ class Train:
     def __init__(self, cache, settings):
         self._settings = [each for each in settings if not each.startswith(("iterations", "snapshot"))]
         self._environ = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
-        self._environ |= {"JAX_PLATFORMS": "cpu", "XDG_CACHE_HOME": str(cache)}
+        self._environ |= {"JAX_PLATFORMS": "cpu", "XDG_CACHE_HOME": str(cache), "NPROC": str(2 * LANES)}
 
     def start(self, out, *more, devices=LANES):
         """Starts a process."""
