@@ -275,6 +275,7 @@ def test_one_process_goes_on_where_two_were_when_one_of_them_died(in_processes, 
     as_one(tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_two_processes_go_on_where_one_was(in_processes, as_one, tmp_path):
     """The run of one process is put back to its last checkpoint but one. The lines of metrics after that are void."""
     train, one = in_processes
