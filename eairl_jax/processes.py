@@ -320,11 +320,11 @@ def join(where: Meeting, settings: dict[str, str]) -> Team | Peer:
     host = _coordinator_address().rpartition(":")[0].strip("[]")
     try:
         connection = socket.create_connection((host, server["port"]), timeout=WAIT_S)
+        connection.sendall(server["token"].encode())
     except OSError as e:
         raise ProcessLost(f"process 0 ({host}) cannot be reached ({e.strerror or e}); {ALONE}") from None
     leader = Peer(connection, f"process 0 of {count} ({host})")
-    hello = {"token": server["token"], "process": number, "host": socket.gethostname(), "settings": settings}
-    leader.send(hello)
+    leader.send({"process": number, "host": socket.gethostname(), "settings": settings})
     _check(leader)
     _close()
     leader.send({"devices": jax.local_device_count(), "platform": jax.default_backend()})
@@ -416,13 +416,14 @@ def _gather(client: Any, count: int, settings: dict[str, str]) -> Team:
         client.key_value_set(KEY, json.dumps({"port": server.getsockname()[1], "token": token}))
         while len(workers) < count - 1:
             try:
-                peer = Peer(server.accept()[0], "a process")
+                connection = server.accept()[0]
             except TimeoutError:
                 raise ProcessLost(f"{count - 1 - len(workers)} of {count} processes are gone again: {GO_ON}") from None
-            hello, _ = peer.receive()
-            if hello.get("token") != token:
-                peer.close()
+            if not _knows(connection, token):
+                connection.close()
                 continue
+            peer = Peer(connection, "a process")
+            hello, _ = peer.receive()
             peer.name = f"process {hello['process']} of {count} ({hello['host']})"
             workers[hello["process"]] = peer, hello["settings"]
     peers = [workers[number][0] for number in sorted(workers)]
@@ -433,6 +434,15 @@ def _gather(client: Any, count: int, settings: dict[str, str]) -> Team:
     others = [peer.name for peer, each in zip(peers, facts, strict=True) if each["platform"] != platform]
     _answer(peers, f"{others[0]} computes on another kind of device than process 0 ({platform})" if others else "")
     return Team(peers, [jax.local_device_count(), *(each["devices"] for each in facts)])
+
+
+def _knows(connection: socket.socket, token: str) -> bool:
+    """Whether the other end begins with the token. A stranger may have found the port."""
+    connection.settimeout(SILENCE_S)
+    try:
+        return secrets.compare_digest(connection.recv(len(token), socket.MSG_WAITALL), token.encode())
+    except OSError:
+        return False
 
 
 def _server() -> socket.socket:
