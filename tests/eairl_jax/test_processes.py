@@ -98,6 +98,13 @@ def test_the_end_of_the_other_process_is_said_and_its_silence_is_noticed(ends):
         ends[1].receive()
 
 
+def test_a_process_that_dies_with_something_unread_has_ended_too(ends):
+    ends[1].send({"unread": 1})
+    ends[0].close()
+    with pytest.raises(ProcessLost, match="process 0 has ended"):
+        ends[1].receive()
+
+
 # Two processes of a toy algorithm, which compiles in a moment -------------------------------------------------------
 
 
