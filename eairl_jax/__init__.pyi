@@ -6,6 +6,7 @@ from .config import Config as Config
 from .episodes import from_episodes as from_episodes
 from .errors import Diverged as Diverged
 from .errors import InputError as InputError
+from .errors import ProcessLost as ProcessLost
 from .evaluation import evaluate as evaluate
 from .evaluation import random_policy as random_policy
 from .exported import export as export

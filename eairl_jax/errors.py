@@ -1,4 +1,4 @@
-"""The exception that a user of the library has to handle."""
+"""The exceptions that a user of the library has to handle."""
 
 
 class InputError(ValueError):
@@ -20,3 +20,7 @@ class Diverged(RuntimeError):
     def __init__(self, message: str, metric: str, lane: int, iteration: int, value: float):
         super().__init__(message)
         self.metric, self.lane, self.iteration, self.value = metric, lane, iteration, value
+
+
+class ProcessLost(RuntimeError):
+    """One of several processes that train together is gone, was never there, or has failed."""

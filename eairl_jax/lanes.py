@@ -11,14 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from eairl_jax import arguments
+from eairl_jax import arguments, processes
+from eairl_jax.blocks import LANES, Blocks
 from eairl_jax.errors import Diverged, InputError
 from eairl_jax.hparams import check_hparams
 from eairl_jax.schema import shown
 from eairl_jax.types import Algorithm, HParams, Key, Metrics, PyTree
 from eairl_jax.xla import refuse_double_precision
-
-LANES = "lanes"
 
 
 def scan(algorithm: Algorithm, state: PyTree, hparams: HParams, data: PyTree, length: int) -> tuple[PyTree, Metrics]:
@@ -39,17 +38,21 @@ class Lanes:
     exchange data, so they are split evenly over the devices. If the number of lanes is not a multiple of the number of
     devices, copies of the last lane fill the gap; every result drops the copies.
 
+    Inside `processes.leading`, lanes are split over the devices of all processes. A state is then a `blocks.Spread`;
+    `take` gives its arrays.
+
     Args:
       algorithm: the algorithm to train.
       keys: one random key for each lane, for example `jax.random.split(jax.random.key(0), 5)` for 5 lanes.
       hparams: every leaf is a scalar (the same value for every lane) or `[lanes]`.
       data: what the algorithm learns from, see `Algorithm.step`.
       data_per_lane: whether the leaves of `data` have a lane axis.
-      devices: the devices to use; by default, all devices of this process.
+      devices: the devices to use, of this process; by default, all devices of this process and of its team.
 
     Raises:
       InputError: if `keys` are not one key for each lane, if a value of `hparams` is impossible, or if a leaf of
-        `hparams` or of `data` has another number of lanes.
+        `hparams` or of `data` has another number of lanes, or if there are more processes than lanes.
+      ProcessLost: here and in every method, if one of several processes is gone.
     """
 
     def __init__(
@@ -69,36 +72,49 @@ class Lanes:
         _check_rows("hparams", jax.tree.map(lambda x: x if np.ndim(x) else [x] * self.count, hparams), self.count)
         if data_per_lane:
             _check_rows("data", data, self.count)
-        devices = (devices or jax.devices())[: self.count]
-        self._algorithm = algorithm
+        self._algorithm, self._data_axis = algorithm, 0 if data_per_lane else None
+        hparams = jax.tree.map(lambda x: jnp.broadcast_to(jnp.asarray(x, jnp.float32), (self.count,)), hparams)
+        data, init = jax.tree.map(jnp.asarray, data), jax.vmap(algorithm.init)
+        self._programs: dict[int, Any] = {}
+        team = None if devices else processes.current()
+        self._blocks = Blocks(team, init, np.asarray(keys), hparams, data, data_per_lane) if team else None
+        if self._blocks:
+            return
+        devices = (devices or jax.local_devices())[: self.count]
         self._rows = np.minimum(np.arange(-(-self.count // len(devices)) * len(devices)), self.count - 1)
-        mesh = Mesh(np.array(devices), (LANES,))
+        self._mesh = Mesh(np.array(devices), (LANES,))
         self._lane_spec = PartitionSpec(LANES)
         self._data_spec = self._lane_spec if data_per_lane else PartitionSpec()
-        self._mesh, self._data_axis = mesh, 0 if data_per_lane else None
-        self._sharding = NamedSharding(mesh, self._lane_spec)
-        hparams = jax.tree.map(lambda x: jnp.broadcast_to(jnp.asarray(x, jnp.float32), (self.count,)), hparams)
+        self._sharding = NamedSharding(self._mesh, self._lane_spec)
         self.hparams = self.put(hparams)
-        data = jax.tree.map(jnp.asarray, data)
-        self.data = self.put(data) if data_per_lane else jax.device_put(data, NamedSharding(mesh, self._data_spec))
-        self._programs: dict[int, Any] = {}
-        self._init = jax.jit(self._spread(jax.vmap(algorithm.init), (self._lane_spec, self._lane_spec)))
+        self.data = (
+            self.put(data) if data_per_lane else jax.device_put(data, NamedSharding(self._mesh, self._data_spec))
+        )
+        self._init = jax.jit(self._spread(init, (self._lane_spec, self._lane_spec)))
         self._keys = self.put(keys)
 
     def put(self, tree: PyTree) -> PyTree:
         """Distributes a pytree of `[lanes, ...]` over the devices, with copies of the last lane where needed."""
+        if self._blocks:
+            return self._blocks.put(tree)
         return jax.tree.map(lambda x: jax.device_put(np.asarray(x)[self._rows], self._sharding), tree)
 
     def take(self, tree: PyTree) -> PyTree:
         """Returns a distributed pytree as NumPy arrays `[lanes, ...]`, without the copies of the last lane."""
+        if self._blocks:
+            return self._blocks.take(tree)
         return jax.tree.map(lambda x: np.asarray(x)[: self.count], tree)
 
     def init(self) -> PyTree:
         """The state of every lane before the first iteration."""
+        if self._blocks:
+            return self._blocks.init()
         return self._init(self._keys, self.hparams)
 
     def blank(self) -> PyTree:
         """NumPy zeros `[lanes, ...]` in the shapes of a state; nothing is compiled. Checkpoints need such a tree."""
+        if self._blocks:
+            return self._blocks.blank()
         shapes = jax.eval_shape(self._init, self._keys, self.hparams)
         return jax.tree.map(lambda leaf: np.zeros((self.count, *leaf.shape[1:]), leaf.dtype), shapes)
 
@@ -113,9 +129,12 @@ class Lanes:
             run = jax.vmap(lambda s, h, d: scan(self._algorithm, s, h, d, length), in_axes=(0, 0, self._data_axis))
             return run(state, hparams, data)
 
-        spread = self._spread(chunk, (self._lane_spec, self._lane_spec, self._data_spec))
-        program = jax.jit(spread, donate_argnums=0).lower(state, self.hparams, self.data).compile()
-        self._programs[length] = program
+        if self._blocks:
+            self._programs[length] = self._blocks.compile(state, length, chunk)
+        else:
+            spread = self._spread(chunk, (self._lane_spec, self._lane_spec, self._data_spec))
+            lowered = jax.jit(spread, donate_argnums=0).lower(state, self.hparams, self.data)
+            self._programs[length] = lowered.compile()
         return time.perf_counter() - started
 
     def run(self, state: PyTree, length: int, check: bool = True) -> tuple[PyTree, Metrics]:
@@ -134,8 +153,11 @@ class Lanes:
           Diverged: if a metric is no longer finite. The metric `true_return` may be NaN: no episode has ended yet.
         """
         self.compile(state, length)
-        state, metrics = self._programs[length](state, self.hparams, self.data)
-        metrics = self.take(metrics)
+        if self._blocks:
+            state, metrics = self._blocks.run(state, length)
+        else:
+            state, metrics = self._programs[length](state, self.hparams, self.data)
+            metrics = self.take(metrics)
         if check:
             refuse_not_finite(metrics)
         if "true_return" in metrics:

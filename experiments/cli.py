@@ -8,16 +8,20 @@ import sys
 if __name__ == "__main__" and not sys.flags.safe_path:
     del sys.path[0]
 
+import contextlib
+import dataclasses
 import errno
 import importlib
 import os
 import shlex
-from typing import NoReturn
+from collections.abc import Iterator
+from typing import Any, NoReturn
 
 import tyro
 
+from eairl_jax import processes
 from eairl_jax.errors import InputError
-from eairl_jax.experiments.command_line import normalised
+from eairl_jax.experiments.command_line import ASSIGNMENTS, normalised
 from eairl_jax.experiments.display.plain import print_anything
 from eairl_jax.experiments.options import COMMANDS
 from eairl_jax.version import __version__
@@ -45,15 +49,18 @@ def main(arguments: list[str] | None = None) -> None:
         _exit(str(e), 2)
     options = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="eairl", description=DESCRIPTION, args=each_once)
     (name,) = (name for name, record in COMMANDS.items() if type(options) is record)
+    where = _meeting(options)
     if name not in WITHOUT_JAX:
-        _configure_jax()
-    from eairl_jax import Diverged
+        _configure_jax(says_costs=where is None or not where.process)
+    from eairl_jax import Diverged, ProcessLost
     from eairl_jax.experiments.pipeline.interruption import STOPPED, Interrupted, exit_on_sigterm
 
     command = importlib.import_module(f"eairl_jax.experiments.commands.{name}")
     exit_on_sigterm()
     try:
-        command.run(options, shlex.join(["eairl", *arguments]))
+        with _team(where, options) as leads:
+            if leads:
+                command.run(options, shlex.join(["eairl", *arguments]))
     except InputError as e:
         _exit(str(e), 2)
     except OSError as e:
@@ -61,7 +68,7 @@ def main(arguments: list[str] | None = None) -> None:
         cure = "free some disk" if is_full else "put this right"
         advice = f"what was computed up to the last checkpoint is kept: {cure}, then repeat the command to go on"
         _exit(f"{e.strerror or e} ({e.filename or 'disk'}); {advice}", 2)
-    except Diverged as e:
+    except (Diverged, ProcessLost) as e:
         _exit(str(e), 1)
     except Interrupted as e:
         _exit(STOPPED, e.code)
@@ -69,15 +76,60 @@ def main(arguments: list[str] | None = None) -> None:
         _exit(STOPPED, 130)
 
 
-def _configure_jax() -> None:
-    """Sets up jax, and says what the user's own variables cost."""
+def _meeting(options: Any) -> processes.Meeting | None:
+    """Where the command meets other processes; None if it trains nothing, or is alone."""
+    if not hasattr(options, "coordinator"):
+        return None
+    try:
+        return processes.meeting(options.coordinator, options.processes, options.process)
+    except InputError as e:
+        _exit(str(e), 2)
+
+
+@contextlib.contextmanager
+def _team(where: processes.Meeting | None, options: Any) -> Iterator[bool]:
+    """Meets the other processes. Gives whether this process runs the command; the others have served when it ends."""
+    if where is None:
+        yield True
+        return
+    from eairl_jax import blocks
+    from eairl_jax.experiments.display.console import say
+    from eairl_jax.experiments.pipeline.interruption import Interruption
+
+    joined = processes.join(where, _shared(options))
+    if isinstance(joined, processes.Team):
+        say(f"{len(joined.devices)} processes, with {' + '.join(map(str, joined.devices))} devices")
+        with processes.leading(joined):
+            yield True
+        return
+    with Interruption() as interruption:
+        failed = blocks.serve(joined, lambda: interruption.asked)
+    yield False
+    if failed:  # process 0 has said why
+        sys.exit(1)
+
+
+def _shared(options: Any) -> dict[str, str]:
+    """What every process must have been given alike, each by its name."""
+    shared = {"command": type(options).__name__.lower()}
+    for field in dataclasses.fields(options):
+        value, name = getattr(options, field.name), f"--{field.name.replace('_', '-')}"
+        if name in ASSIGNMENTS:
+            shared |= {f"{name} {each.partition('=')[0]}": each.partition("=")[2] for each in value}
+        elif field.name not in ("coordinator", "process"):
+            shared[name] = " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+    return shared
+
+
+def _configure_jax(says_costs: bool) -> None:
+    """Sets up jax, and perhaps says what the user's own variables cost."""
     from eairl_jax import xla
 
     for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
         if not os.path.isabs(os.environ.get(name, os.sep)):  # the standard says to ignore a relative folder
             del os.environ[name]
     try:
-        remarks = xla.costs(os.environ, xla.usable_cores()) if "jax" not in sys.modules else []
+        remarks = xla.costs(os.environ, xla.usable_cores()) if says_costs and "jax" not in sys.modules else []
         xla.configure_jax()
         xla.refuse_double_precision()
     except InputError as e:

@@ -136,6 +136,29 @@ Net = Annotated[
         "it. No code is run because a saved reward names it.",
     ),
 ]
+Coordinator = Annotated[
+    str | None,
+    explained(
+        metavar="HOST:PORT",
+        help="To train with several processes that are started by hand: the host of process 0, and a free port on it. "
+        "Processes that srun, mpirun or Kubernetes start find each other without these three options.",
+    ),
+]
+Processes = Annotated[
+    int | None,
+    explained(
+        metavar="N",
+        help="With --coordinator: how many processes there are. 1 alone: this process needs no others, whatever has "
+        "started it.",
+    ),
+]
+Process = Annotated[
+    int | None,
+    explained(
+        metavar="I",
+        help="With --coordinator: the number of this process, from 0. Process 0 reads and writes all files.",
+    ),
+]
 Json = Annotated[Path | None, explained(metavar="FILE", help="Write all figures to this file as well.")]
 
 
@@ -166,6 +189,9 @@ class Expert:
     more: More = 0
     track: Track = ()
     on_nan: OnNan = "stop"
+    coordinator: Coordinator = None
+    processes: Processes = None
+    process: Process = None
     out: Out = None
     set: Set = ()
 
@@ -243,6 +269,9 @@ class Imitate:
     cluster: Cluster = None
     cluster_set: ClusterSet = ()
     program: Program = None
+    coordinator: Coordinator = None
+    processes: Processes = None
+    process: Process = None
     out: Out = None
     set: Set = ()
 
@@ -270,6 +299,9 @@ class Sweep:
     cluster: Cluster = None
     cluster_set: ClusterSet = ()
     program: Program = None
+    coordinator: Coordinator = None
+    processes: Processes = None
+    process: Process = None
     out: Out = None
     set: Annotated[
         tuple[str, ...],
@@ -315,6 +347,9 @@ class Transfer:
     cluster: Cluster = None
     cluster_set: ClusterSet = ()
     program: Program = None
+    coordinator: Coordinator = None
+    processes: Processes = None
+    process: Process = None
     out: Annotated[Path | None, explained(metavar="DIR", help="Folder for the runs' folders. Default: runs/.")] = None
     set: Set = ()
     retrain_set: Annotated[
@@ -360,6 +395,9 @@ class Reproduce:
             help="Folder of the results. Default: the results/ folder of the project; with --quick, --out.",
         ),
     ] = None
+    coordinator: Coordinator = None
+    processes: Processes = None
+    process: Process = None
 
 
 @dataclass(frozen=True)

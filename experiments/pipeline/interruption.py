@@ -8,6 +8,8 @@ import sys
 import threading
 from typing import NoReturn
 
+from eairl_jax import processes
+
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 STOPPED = "stopped; a training goes on from its last checkpoint when its command is given again"
 _END = 0  # a byte that is no signal: it ends the thread that waits for signals
@@ -67,10 +69,17 @@ class Interruption:
             os.close(self._read)
             os.close(self._write)
 
+    @property
+    def asked(self) -> int | None:
+        """The signal that has arrived, if one has."""
+        return self._asked
+
     def stop_if_asked(self) -> None:
-        """Raises `Interrupted` if a signal has arrived."""
-        if self._asked is not None:
-            raise Interrupted(self._asked)
+        """Raises `Interrupted` if a signal has arrived, here or in another process of the team."""
+        team = processes.current()
+        asked = self._asked or (team.asked if team else None)
+        if asked is not None:
+            raise Interrupted(asked)
 
     def _note(self, number: int, _frame: object) -> None:
         self._asked = number

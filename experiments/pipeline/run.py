@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from eairl_jax import InputError, LearnedReward, load_reward, save_reward, schema, storage
+from eairl_jax import InputError, LearnedReward, load_reward, processes, save_reward, schema, storage
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display import planar
 from eairl_jax.experiments.display.plots import Curve, plot, plot_sweep
@@ -232,6 +232,9 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
       InputError: if `out` belongs to a different run, or cannot be written.
       Diverged: when a metric is no longer finite.
     """
+    team = processes.current()
+    if team and experiment.more_seeds:  # they are trained after the others, and the error would come late
+        processes.check_lanes(experiment.more_seeds, len(team.devices))
     folder = RunFolder(out, experiment.settings(), experiment.track)
     content, more = folder.summary(), experiment.recipe.more
     result = None if content is None else Result.from_json(content, f"{folder.path}/summary.json")

@@ -22,7 +22,7 @@ import filelock
 import jax
 import numpy as np
 
-from eairl_jax import InputError
+from eairl_jax import InputError, processes
 from eairl_jax.experiments.pipeline import records
 from eairl_jax.experiments.pipeline.trackers import Track
 from eairl_jax.experiments.settings import SETTINGS, TRIALS, Recipe
@@ -298,13 +298,15 @@ def settings_digest(settings: dict) -> str:
 
 
 def machine() -> dict[str, Any]:
-    """Versions and device behind a result."""
+    """Versions and devices behind a result."""
+    team = processes.current()
     return {
         "date": datetime.date.today().isoformat(),
         "python": platform.python_version(),
         "versions": {name: version(name) for name in PACKAGES},
-        "device": jax.devices()[0].device_kind,
-        "devices": len(jax.devices()),
+        "device": jax.local_devices()[0].device_kind,
+        "devices": sum(team.devices) if team else jax.local_device_count(),
+        **({"processes": len(team.devices)} if team else {}),
     }
 
 

@@ -50,7 +50,7 @@ def tiny(monkeypatch):
     return TINY
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def rl_settings():
     """Those of `tiny` that reinforcement learning has too."""
     return list(RL_SETTINGS)

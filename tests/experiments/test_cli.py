@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import eairl_jax
-from eairl_jax.experiments.options import COMMANDS
+from eairl_jax.experiments import cli
+from eairl_jax.experiments.options import COMMANDS, Imitate
 from eairl_jax.experiments.pipeline.experiment import make_env, shipped_demonstrations
 from eairl_jax.methods import method_names
 
@@ -274,3 +275,21 @@ def test_double_precision_is_refused_in_one_line(run, capsys):
     finally:
         jax.config.update("jax_enable_x64", False)
     assert "eairl_jax computes in float32 alone" in capsys.readouterr().err
+
+
+def test_what_processes_must_have_been_given_alike_is_named_option_by_option():
+    options = Imitate(
+        "pendulum", ("gail", "bc"), coordinator="host:1", processes=2, process=1, set=("gamma=0.9", "beta=2")
+    )
+    shared = cli._shared(options)
+    assert shared["command"] == "imitate"
+    assert shared["--method"] == "gail bc"
+    assert (shared["--set gamma"], shared["--set beta"]) == ("0.9", "2")
+    assert shared["--processes"] == "2"
+    assert not {"--coordinator", "--process", "--set"} & shared.keys()
+
+
+def test_an_impossible_place_among_processes_is_refused_before_jax_is_set_up(run, tmp_path, capsys):
+    assert run("expert", "pendulum", "--process", 1, "--out", tmp_path / "run") == 2
+    assert "--coordinator and --processes missing" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()

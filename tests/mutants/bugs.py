@@ -451,6 +451,20 @@ LIBRARY = bugs_of(
         "experiments/pipeline/test_train.py::test_nan_stops_the_run_and_keeps_the_last_good_checkpoint",
     ),
     (
+        "a-process-without-lanes",
+        "blocks.py",
+        "used[process] < count and sum(used) < lanes",
+        "used[process] < count",
+        "eairl_jax/test_blocks.py",
+    ),
+    (
+        "lanes-of-other-processes-in-the-wrong-place",
+        "blocks.py",
+        "[self._block.call(call, each[0], values), *self._team.answers()]",
+        "[self._block.call(call, each[0], values), *self._team.answers()][::-1]",
+        "eairl_jax/test_processes.py",
+    ),
+    (
         "damaged-checkpoint-believed",
         "checkpoint.py",
         "return written == _digest(folder)",

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from eairl_jax import Checkpoints
+from eairl_jax import Checkpoints, processes
 from eairl_jax.experiments.pipeline.interruption import Interrupted, Interruption
 
 
@@ -74,3 +74,15 @@ with Interruption():
     _, err = process.communicate(timeout=30)
     assert process.returncode == 143
     assert b"Traceback" not in err
+
+
+def test_a_signal_to_another_process_of_the_team_stops_the_training_too():
+    team = processes.Team([], [1])
+    with processes.leading(team), Interruption() as interruption:
+        interruption.stop_if_asked()
+        assert interruption.asked is None
+        team.asked = signal.SIGTERM
+        with pytest.raises(Interrupted) as e:
+            interruption.stop_if_asked()
+    assert e.value.code == 143
+    assert processes.current() is None

@@ -4,12 +4,16 @@ import errno
 import json
 import os
 import shutil
+import socket
+import subprocess
+import sys
+import time
 
 import jax
 import numpy as np
 import pytest
 
-from eairl_jax import Checkpoints, InputError, Lanes, checkpoint, load_policy, load_reward
+from eairl_jax import Checkpoints, InputError, Lanes, checkpoint, load_policy, load_reward, processes
 from eairl_jax.experiments.pipeline import policies, train
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.storage import named_leaves
@@ -190,3 +194,104 @@ def test_every_phase_and_every_seed_draws_other_random_numbers():
     assert len(np.unique(np.concatenate(keys), axis=0)) == 8 * 4
     # What the lanes beside a seed are does not matter.
     np.testing.assert_array_equal(train.lane_keys(3, [7, 1])[1], train.lane_keys(3, [1])[0])
+
+
+# Several processes ---------------------------------------------------------------------------------------------------
+
+LANES = 4
+SHORT = ("iterations=30", "snapshot_every=2")
+
+
+class Train:
+    """Runs `eairl expert pendulum` of four seeds in processes of their own, with one cache of compiled programs."""
+
+    def __init__(self, cache, settings):
+        self._settings = [each for each in settings if not each.startswith(("iterations", "snapshot"))]
+        self._environ = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
+        self._environ |= {"JAX_PLATFORMS": "cpu", "XDG_CACHE_HOME": str(cache), "NPROC": str(2 * LANES)}
+
+    def start(self, out, *more, devices=LANES):
+        """Starts a process."""
+        command = [sys.executable, "-m", "eairl_jax.experiments.cli", "expert", "pendulum", "--seeds", str(LANES)]
+        return subprocess.Popen(
+            [*command, "--out", str(out), *more, "--set", *self._settings, *SHORT],
+            env=self._environ | {"JAX_NUM_CPU_DEVICES": str(devices)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def start_two(self, out):
+        """Starts two processes, with half of the devices each."""
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            where = ("--coordinator", f"127.0.0.1:{server.getsockname()[1]}", "--processes", "2", "--process")
+        return [self.start(out, *where, str(i), devices=LANES // 2) for i in range(2)]
+
+
+def ended(process, code=0):
+    """What a process printed; it must end with the code."""
+    printed = process.communicate(timeout=300)[0]
+    assert process.returncode == code, printed
+    return printed
+
+
+@pytest.fixture(scope="module")
+def in_processes(tmp_path_factory, rl_settings):
+    """`Train`, and the folder of a run of one process."""
+    train = Train(tmp_path_factory.mktemp("cache"), rl_settings)
+    folder = tmp_path_factory.mktemp("one") / "run"
+    ended(train.start(folder))
+    return train, folder
+
+
+@pytest.fixture
+def as_one(in_processes):
+    """Asserts that a run has come to the bits of the run of one process."""
+    _, one = in_processes
+
+    def check(folder):
+        assert (folder / "metrics.csv").read_bytes() == (one / "metrics.csv").read_bytes()
+        states = [Checkpoints(each / "checkpoints")._manager.restore(30) for each in (folder, one)]
+        jax.tree.map(np.testing.assert_array_equal, *states)
+        summaries = [json.loads((each / "summary.json").read_text()) for each in (folder, one)]
+        assert summaries[0]["returns"] == summaries[1]["returns"]
+
+    return check
+
+
+def test_one_process_goes_on_where_two_were_when_one_of_them_died(in_processes, as_one, tmp_path):
+    train, _ = in_processes
+    leader, worker = train.start_two(tmp_path / "run")
+    while not (tmp_path / "run/checkpoints/2/sha256.txt").exists():
+        assert leader.poll() is None, leader.communicate()[0]
+        time.sleep(0.02)
+    worker.kill()
+    printed = ended(leader, 1)
+    assert printed.startswith("2 processes, with 2 + 2 devices\n")
+    assert printed.splitlines()[-1].startswith("eairl: process 1 of 2 (")
+    assert printed.endswith(") has ended: start all processes again: a training goes on from its last checkpoint\n")
+    assert worker.communicate()[0] == ""
+    assert "going on from iteration" in ended(train.start(tmp_path / "run"))
+    as_one(tmp_path / "run")
+
+
+@pytest.mark.slow
+def test_two_processes_go_on_where_one_was(in_processes, as_one, tmp_path):
+    """The run of one process is put back to its last checkpoint but one. The lines of metrics after that are void."""
+    train, one = in_processes
+    folder = shutil.copytree(one, tmp_path / "run")
+    shutil.rmtree(folder / "checkpoints/30")
+    (folder / "summary.json").unlink()
+    leader, worker = train.start_two(folder)
+    assert "run: going on from iteration 28 of 30" in ended(leader)
+    assert ended(worker) == ""
+    as_one(folder)
+
+
+@pytest.mark.parametrize("more", [(), ("--more-seeds", 2)])
+def test_a_run_of_fewer_seeds_than_processes_is_refused_before_anything_is_computed(more, tmp_path, run, tiny, capsys):
+    with processes.leading(processes.Team([], [1] * 3)):
+        code = run("imitate", "pendulum", "--seeds", 2, *more, "--out", tmp_path / "run", "--set", *tiny)
+    assert code == 2
+    assert "3 processes are too many for 2 lanes" in capsys.readouterr().err
+    assert not (tmp_path / "run/metrics.csv").exists()
