@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -62,11 +63,9 @@ class Lanes:
         devices: list | None = None,
     ):
         refuse_double_precision()
-        check_hparams(hparams)
         _check_algorithm(algorithm)
         keys = raw_keys(keys)
         self.count = keys.shape[0]
-        _check_rows("hparams", jax.tree.map(lambda x: x if np.ndim(x) else [x] * self.count, hparams), self.count)
         if data_per_lane:
             _check_rows("data", data, self.count)
         devices = (devices or jax.devices())[: self.count]
@@ -77,13 +76,31 @@ class Lanes:
         self._data_spec = self._lane_spec if data_per_lane else PartitionSpec()
         self._mesh, self._data_axis = mesh, 0 if data_per_lane else None
         self._sharding = NamedSharding(mesh, self._lane_spec)
-        hparams = jax.tree.map(lambda x: jnp.broadcast_to(jnp.asarray(x, jnp.float32), (self.count,)), hparams)
-        self.hparams = self.put(hparams)
+        self.hparams = self._spread_hparams(hparams)
         data = jax.tree.map(jnp.asarray, data)
         self.data = self.put(data) if data_per_lane else jax.device_put(data, NamedSharding(mesh, self._data_spec))
         self._programs: dict[int, Any] = {}
         self._init = jax.jit(self._spread(jax.vmap(algorithm.init), (self._lane_spec, self._lane_spec)))
         self._keys = self.put(keys)
+
+    def with_hparams(self, hparams: HParams) -> Lanes:
+        """These lanes with other floats. Both share what is compiled, so nothing is compiled twice.
+
+        Args:
+          hparams: every leaf is a scalar (the same value for every lane) or `[lanes]`.
+
+        Raises:
+          InputError: if a value is impossible, or if a leaf has another number of lanes.
+        """
+        other = copy.copy(self)
+        other.hparams = self._spread_hparams(hparams)
+        return other
+
+    def _spread_hparams(self, hparams: HParams) -> HParams:
+        check_hparams(hparams)
+        _check_rows("hparams", jax.tree.map(lambda x: x if np.ndim(x) else [x] * self.count, hparams), self.count)
+        hparams = jax.tree.map(lambda x: jnp.broadcast_to(jnp.asarray(x, jnp.float32), (self.count,)), hparams)
+        return self.put(hparams)
 
     def put(self, tree: PyTree) -> PyTree:
         """Distributes a pytree of `[lanes, ...]` over the devices, with copies of the last lane where needed."""

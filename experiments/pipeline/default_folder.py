@@ -16,7 +16,7 @@ from eairl_jax.experiments.pipeline.train import RUNS
 # Options that the names of folders hold already, or that change nothing in the run.
 NAMED = frozenset(
     {"task", "source", "target", "method", "reward_form", "rule", "reward", "tuned", "out", "track", "on_nan"}
-    | {"more", "more_seeds", "net"}
+    | {"more", "more_seeds", "net", "trials"}
 )
 LONGEST = 80  # characters of what was changed
 
