@@ -266,7 +266,7 @@ class Search:
         str,
         arg(
             metavar="NAME",
-            help="What is to be high. true_return: the true return that the policy, after learning, has in TASK, from 0 "
+            help="What is to be high. true_return: the true return that the policy has in TASK after learning, from 0 "
             "(random actions) to 1 (the expert) where an expert is known. There is no other: the score of a transfer's "
             "target must choose no setting.",
         ),

@@ -1,4 +1,4 @@
-"""What a search may choose from: the ranges and lists of `eairl search --set`, read and checked before anything else."""
+"""What a search may choose from: the ranges and lists of `eairl search --set`, read and checked."""
 
 from __future__ import annotations
 
