@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from eairl_jax import Diverged, InputError
+from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display import page
-from eairl_jax.experiments.display.console import mean_and_std, print_rows, say, say_if_no_expert
+from eairl_jax.experiments.display.console import console, mean_and_std, print_rows, say, say_if_no_expert
 from eairl_jax.experiments.display.plots import Axis, plot_search
 from eairl_jax.experiments.options import SOURCE_ALONE, Search
 from eairl_jax.experiments.pipeline import points, ranges, run_page
@@ -38,8 +39,7 @@ def run(options: Search, command_line: str) -> None:
     load_optuna()
     experiment = searched(options, space)
     identity = settings(experiment, plan)
-    name = "-".join(["search", *experiment.folder_name().split("-")[1:]])
-    out = options.out or default_path(options, name, identity)
+    out = options.out or default_path(options, f"search-{file_name(options.task)}-{experiment.name}", identity)
     trials = search(experiment, plan, out, command_line)
     ranked = best(trials)
     again = imitate_command(options, space.fixed, ranked[0].point) if ranked else ""
@@ -167,4 +167,4 @@ def _tell(experiment: Experiment, plan: Plan, trials: Sequence[Trial], out: Path
         f"in {out}/; index.html shows all trials, {_described(ranked[0], plan)['folder']} holds the best trial's reward"
     )
     say("the best setting with other seeds:")
-    say(again)
+    console.print(again, soft_wrap=True)

@@ -123,8 +123,8 @@ def plot_search(path: Path, title: str, axes: Sequence[Axis], scores: np.ndarray
     for panel, axis in zip(panels.flat, axes, strict=False):
         lost = axis.values[~has_score]
         panel.plot(lost, np.full(len(lost), 0.02), "x", color="C3", transform=panel.get_xaxis_transform())
-        order = np.arange(1, len(scores) + 1)[has_score]
-        dots = panel.scatter(axis.values[has_score], scores[has_score], c=order, vmin=1, vmax=len(scores), zorder=2)
+        number = np.arange(len(scores))[has_score]
+        dots = panel.scatter(axis.values[has_score], scores[has_score], c=number, vmin=0, vmax=len(scores), zorder=2)
         if has_score.any():
             best = np.nanargmax(scores)
             panel.plot(axis.values[best], scores[best], "o", ms=12, mfc="none", mec="C1", mew=2, zorder=3)
