@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -65,15 +66,13 @@ class Lanes:
         devices: list | None = None,
     ):
         refuse_double_precision()
-        check_hparams(hparams)
         _check_algorithm(algorithm)
         keys = raw_keys(keys)
         self.count = keys.shape[0]
-        _check_rows("hparams", jax.tree.map(lambda x: x if np.ndim(x) else [x] * self.count, hparams), self.count)
         if data_per_lane:
             _check_rows("data", data, self.count)
         self._algorithm, self._data_axis = algorithm, 0 if data_per_lane else None
-        hparams = jax.tree.map(lambda x: jnp.broadcast_to(jnp.asarray(x, jnp.float32), (self.count,)), hparams)
+        hparams = self._of_lanes(hparams)
         data, init = jax.tree.map(jnp.asarray, data), jax.vmap(algorithm.init)
         self._programs: dict[int, Any] = {}
         team = None if devices else processes.current()
@@ -92,6 +91,28 @@ class Lanes:
         )
         self._init = jax.jit(self._spread(init, (self._lane_spec, self._lane_spec)))
         self._keys = self.put(keys)
+
+    def with_hparams(self, hparams: HParams) -> Lanes:
+        """These lanes with other floats. Both share what is compiled, so nothing is compiled twice.
+
+        Args:
+          hparams: every leaf is a scalar (the same value for every lane) or `[lanes]`.
+
+        Raises:
+          InputError: if a value is impossible, if a leaf has another number of lanes, or if the lanes are in several
+            processes.
+        """
+        if self._blocks:
+            raise InputError("lanes in several processes keep their floats: make new Lanes, or use one process")
+        other = copy.copy(self)
+        other.hparams = self.put(self._of_lanes(hparams))
+        return other
+
+    def _of_lanes(self, hparams: HParams) -> HParams:
+        """The floats with a lane axis, checked."""
+        check_hparams(hparams)
+        _check_rows("hparams", jax.tree.map(lambda x: x if np.ndim(x) else [x] * self.count, hparams), self.count)
+        return jax.tree.map(lambda x: jnp.broadcast_to(jnp.asarray(x, jnp.float32), (self.count,)), hparams)
 
     def put(self, tree: PyTree) -> PyTree:
         """Distributes a pytree of `[lanes, ...]` over the devices, with copies of the last lane where needed."""

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from eairl_jax.errors import InputError
-from eairl_jax.experiments.options import COMMANDS
+from eairl_jax.experiments.options import COMMANDS, NOT_OFFERED
 
 ASSIGNMENTS = ("--set", "--retrain-set")
 """Options whose values are NAME=VALUE."""
@@ -34,7 +34,7 @@ def normalised(arguments: list[str]) -> list[str]:
 
     Raises:
       InputError: if an option of one value is given twice, if an option of many values has none, or has one of them
-        twice.
+        twice, or if the command lacks an option for a reason.
     """
     if not arguments or arguments[0] not in COMMANDS or HELP & set(arguments):
         return arguments
@@ -42,6 +42,8 @@ def normalised(arguments: list[str]) -> list[str]:
     given = _parts(arguments)
     merged: dict[str, Given] = {}
     for each in given:
+        if (arguments[0], each.option) in NOT_OFFERED:
+            raise InputError(f"{each.option}: {NOT_OFFERED[arguments[0], each.option]}")
         name = each.option.replace("--no-", "--", 1) if each.option not in kinds else each.option
         if name not in merged:
             merged[name] = each

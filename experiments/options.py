@@ -310,6 +310,50 @@ class Sweep:
 
 
 @dataclass(frozen=True)
+class Search:
+    """Search the floats of a method for values with a high score in the task that is demonstrated.
+
+    A setting with a range is searched, for example
+    `eairl search pendulum --set lambda_i=log:1e-4..1 entropy_weight=log:1e-4..0.3 --trials 64`. Optuna's TPE proposes
+    the trials. A generation of trials is trained side by side, and all generations use one compiled program. A trial's
+    score is the mean over its seeds. The best score of many trials is optimistic: at the end stands the command that
+    trains the best setting with other seeds. The same command again goes on where it was stopped.
+    """
+
+    task: Task
+    method: Annotated[str, arg(metavar="NAME", help="One method, as in `eairl imitate`.")] = "eairl"
+    reward_form: Annotated[str, arg(metavar="FORM", help="sa, s, separable or default.")] = "default"
+    objective: Annotated[
+        str,
+        arg(
+            metavar="NAME",
+            help="What is to be high. true_return: the true return that the policy has in TASK after learning, from 0 "
+            "(random actions) to 1 (the expert) where an expert is known. There is no other: the score of a transfer's "
+            "target must choose no setting.",
+        ),
+    ] = "true_return"
+    trials: Annotated[
+        int, arg(help="Number of settings to try: a multiple of --generation. A larger number goes on.")
+    ] = 64
+    generation: Annotated[int, arg(help="Trials that are trained side by side, and proposed together.")] = 8
+    seeds: Seeds = 5
+    first_seed: FirstSeed = 0
+    horizon: Horizon = None
+    optimizer: Optimizer = "ppo"
+    demos: Demos = None
+    out: Out = None
+    set: Annotated[
+        tuple[str, ...],
+        explained(
+            name="set",
+            metavar="NAME=RANGE",
+            help="Settings to search: LOW..HIGH, log:LOW..HIGH (the logarithm is searched) or A,B,C. And any other "
+            "setting (NAME=VALUE).",
+        ),
+    ] = ()
+
+
+@dataclass(frozen=True)
 class Transfer:
     """Learn a reward in SOURCE, freeze it, train a fresh policy on it alone in TARGET, score by TARGET's true reward.
 
@@ -556,6 +600,13 @@ class Bench:
     set: Set = ()
 
 
+SOURCE_ALONE = (
+    "a search looks at the task that is demonstrated alone: settings that are chosen by the score in the target of a "
+    "transfer would make that score no measure of the reward any more; leave the target out"
+)
+# Options that a user may expect of a command, and why it has none.
+NOT_OFFERED = {("search", "--target"): SOURCE_ALONE}
+
 # The module of a command has the command's name: `commands/demos.py` does what `Collect` asks.
 COMMANDS = {
     "tasks": Tasks,
@@ -564,6 +615,7 @@ COMMANDS = {
     "demos": Collect,
     "imitate": Imitate,
     "sweep": Sweep,
+    "search": Search,
     "transfer": Transfer,
     "reproduce": Reproduce,
     "runs": Runs,

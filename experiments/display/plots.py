@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -115,6 +115,51 @@ def _mark_level(axis, name: str, height: float) -> None:
     axis.axhline(height, color="black", lw=0.8, ls="--")
     axis.margins(y=0.1)  # room for the name below the panel's title
     axis.annotate(literal(name), (1, height), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8)
+
+
+class Axis(NamedTuple):
+    """What a search chose from, as the horizontal axis of a panel.
+
+    Attributes:
+      name: of the setting.
+      values: `[trials]`.
+      is_log: whether the axis is logarithmic.
+    """
+
+    name: str
+    values: np.ndarray
+    is_log: bool
+
+
+def plot_search(path: Path, title: str, axes: Sequence[Axis], scores: np.ndarray, label: str, expert: float | None):
+    """Saves a panel for each setting that was searched: a dot for each trial, the later the brighter.
+
+    Args:
+      scores: `[trials]`; NaN for a trial without a score, which is a cross at the lower edge.
+      label: of the scores.
+      expert: the score of the demonstrator, drawn as a horizontal line; None if it is unknown.
+    """
+    columns = min(3, len(axes))
+    figure, panels = figure_of(-(-len(axes) // columns), columns, (4.6, 3.6), title)
+    for spare in panels.flat[len(axes) :]:
+        spare.set_visible(False)
+    has_score, dots = np.isfinite(scores), None
+    for panel, axis in zip(panels.flat, axes, strict=False):
+        lost = axis.values[~has_score]
+        panel.plot(lost, np.full(len(lost), 0.02), "x", color="C3", transform=panel.get_xaxis_transform())
+        number = np.arange(len(scores))[has_score]
+        dots = panel.scatter(axis.values[has_score], scores[has_score], c=number, vmin=0, vmax=len(scores), zorder=2)
+        if has_score.any():
+            best = np.nanargmax(scores)
+            panel.plot(axis.values[best], scores[best], "o", ms=12, mfc="none", mec="C1", mew=2, zorder=3)
+        if axis.is_log:
+            panel.set_xscale("log")
+        if expert is not None:
+            _mark_level(panel, "expert", expert)
+        panel.set(xlabel=literal(axis.name), ylabel=label)
+        panel.spines[["top", "right"]].set_visible(False)
+    figure.colorbar(dots, ax=panels, label="trial")
+    save(figure, path)
 
 
 def plot_diagnosis(path: Path, title: str, behaviours: dict[str, tuple[np.ndarray, np.ndarray]], expert: float) -> None:

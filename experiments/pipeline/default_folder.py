@@ -16,7 +16,8 @@ from eairl_jax.experiments.pipeline.train import RUNS
 # Options that the names of folders hold already, or that change nothing in the run.
 NAMED = frozenset(
     {"task", "source", "target", "method", "reward_form", "rule", "reward", "tuned", "out", "track", "on_nan"}
-    | {"more", "more_seeds", "net", "cluster", "cluster_set", "program", "coordinator", "processes", "process"}
+    | {"more", "more_seeds", "net", "trials", "cluster", "cluster_set", "program"}
+    | {"coordinator", "processes", "process"}
 )
 LONGEST = 80  # characters of what was changed
 

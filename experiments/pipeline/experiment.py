@@ -11,6 +11,7 @@ import functools
 import itertools
 import math
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -27,8 +28,9 @@ from eairl_jax.environment import check_env
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.console import say
-from eairl_jax.experiments.options import Bench, Imitate, Sweep, Transfer
+from eairl_jax.experiments.options import Bench, Imitate, Search, Sweep, Transfer
 from eairl_jax.experiments.pipeline import records, user_methods, user_networks
+from eairl_jax.experiments.pipeline.ranges import Searched
 from eairl_jax.experiments.pipeline.trackers import Track
 from eairl_jax.experiments.settings import (
     GROUPS,
@@ -376,8 +378,29 @@ def sweeps(options: Sweep) -> list[Experiment]:
 def _sweep(options: Sweep, fixed: tuple[str, ...], names: dict[str, str], grid: dict[str, list[float]]) -> Experiment:
     """One program: one method, one lane for each point of the grid of floats and each seed."""
     fixed = (*fixed, *(f"{name}={value}" for name, value in names.items()))
+    points = tuple(dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values()))
+    experiment = _for_points(options, fixed, points)
+    variant = "+".join(filter(None, (experiment.variant, *(f"{name}={value}" for name, value in names.items()))))
+    return dataclasses.replace(experiment, points=points, variant=variant, swept_names=names)
+
+
+def searched(options: Search, space: Searched) -> Experiment:
+    """The experiment of `eairl search`, without points: one program for any values of the searched floats.
+
+    A setting that diverges is a bad setting, and no reason to stop.
+
+    Raises:
+      InputError: if a value of the searched floats could not be trained.
+    """
+    ends = tuple({name: value} for name, domain in space.domains.items() for value in domain.ends)
+    return _for_points(options, space.fixed, ends)
+
+
+def _for_points(options: Sweep | Search, fixed: tuple[str, ...], points: Sequence[dict[str, float]]) -> Experiment:
+    """An experiment whose program can train all these values; every point is checked before any is trained."""
     # The largest value decides what has to be computed at all (a penalty of weight 0 is not).
-    largest = tuple(f"{name}={max(values)}" for name, values in grid.items())
+    names = dict.fromkeys(name for point in points for name in point)
+    largest = tuple(f"{name}={max(point[name] for point in points if name in point)}" for name in names)
     request = Imitate(
         task=options.task,
         method=(options.method,),
@@ -387,17 +410,15 @@ def _sweep(options: Sweep, fixed: tuple[str, ...], names: dict[str, str], grid: 
         horizon=options.horizon,
         optimizer=options.optimizer,
         demos=options.demos,
-        track=options.track,
-        on_nan=options.on_nan,
+        track=getattr(options, "track", ()),
+        on_nan=getattr(options, "on_nan", "skip"),
         set=(*fixed, *largest),
     )
     (experiment,) = imitations(request)
-    points = tuple(dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values()))
     overrides = {"method": options.method, "reward_form": options.reward_form} | parse_overrides(fixed)
     for point in points:  # an impossible point is refused before any point is trained
         recipe(options.task, experiment.source.env, "imitate", overrides | point)
-    variant = "+".join(filter(None, (experiment.variant, *(f"{name}={value}" for name, value in names.items()))))
-    return dataclasses.replace(experiment, points=points, variant=variant, swept_names=names)
+    return experiment
 
 
 class Grid(NamedTuple):

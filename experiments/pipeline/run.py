@@ -218,7 +218,7 @@ def _result_fields() -> dict[str, schema.Schema]:
     }
 
 
-def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
+def run(experiment: Experiment, out: Path, command_line: str = "", shared: stages.Learner | None = None) -> Result:
     """Runs an experiment to its end, or goes on with it, or reads the result that it has.
 
     A result of fewer iterations or seeds than the experiment has (`Recipe.more`, `Experiment.more_seeds`) is extended.
@@ -227,6 +227,7 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
       out: folder of the experiment. A transfer shares its learning, and its ceiling, with other transfers through
         folders beside `out`.
       command_line: what the user typed, for the record.
+      shared: of a sweep, what learns in other sweeps too (`stages.learn`).
 
     Raises:
       InputError: if `out` belongs to a different run, or cannot be written.
@@ -240,7 +241,9 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
     result = None if content is None else Result.from_json(content, f"{folder.path}/summary.json")
     if result is None or (result.more_iterations or 0) < more:
         folder.prepare()
-        result = _transfer(experiment, experiment.use, folder) if experiment.use else _imitate(experiment, folder)
+        result = (
+            _transfer(experiment, experiment.use, folder) if experiment.use else _imitate(experiment, folder, shared)
+        )
         result = dataclasses.replace(result, command_line=command_line, machine=machine(), more_iterations=more or None)
         run_page.forget(folder.path)
         folder.write_summary(result.to_json())
@@ -259,9 +262,9 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
     return result
 
 
-def _imitate(experiment: Experiment, folder: RunFolder) -> Result:
+def _imitate(experiment: Experiment, folder: RunFolder, shared: stages.Learner | None) -> Result:
     """Learns in the source and scores the policies that learned; of a sweep, those of every point."""
-    algorithm, state = stages.learn(folder, experiment)
+    algorithm, state = stages.learn(folder, experiment, shared)
     labels = stages.lanes_of(experiment)
     returns = scores(folder, experiment.recipe, experiment.source.env, algorithm, state, labels)
     kept = divergence.kept(folder, labels)

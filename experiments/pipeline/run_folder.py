@@ -31,6 +31,7 @@ from eairl_jax.storage import naming, read_json, replacing, write_json
 
 SECONDS_ADVICE = "remove the file; its seconds are then not counted"
 MINIMUM_FREE_BYTES = 50_000_000
+LOCK = ".lock"
 BYTE_ORDER_MARK = "\ufeff"
 # Defaults that have changed. The folders of runs are named after the settings that differ from these values.
 FORMER_DEFAULTS = {"episode_length": 100}
@@ -69,44 +70,16 @@ class RunFolder:
         write_json(config, {"settings": settings, "machine": machine()})
 
     def prepare(self) -> None:
-        """Makes the folder, and tries whether it can be written. It is better to fail before anything is computed.
-
-        Raises:
-          InputError: if it cannot be written, or if its disk is nearly full.
-        """
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            probe = self.path / ".writable"
-            probe.write_text("")
-            probe.unlink()
-        except OSError as e:
-            raise InputError(f"cannot write to {self.path} ({e.strerror}): choose another folder with --out") from None
-        if shutil.disk_usage(self.path).free < MINIMUM_FREE_BYTES:
-            raise InputError(
-                f"the disk of {self.path} has less than {MINIMUM_FREE_BYTES // 10**6} MB free: free some space, or "
-                "choose another folder with --out"
-            )
+        """Makes the folder, and tries whether it can be written (`prepare`)."""
+        prepare(self.path)
 
     def is_writable(self) -> bool:
         """Whether files can be added. The pictures of a finished run are left out where they cannot."""
         return os.access(self.path, os.W_OK)
 
-    @contextlib.contextmanager
-    def locked(self) -> Iterator[None]:
-        """Keeps other processes from training in the folder: they would mix their metrics and checkpoints.
-
-        Raises:
-          InputError: if another process is training in the folder (unless `WAITS` is set, which waits for it), or if
-            the folder cannot be written.
-        """
-        self.prepare()
-        try:
-            with filelock.FileLock(self.path / ".lock", timeout=-1 if WAITS.get() else 0):
-                yield
-        except filelock.Timeout:
-            raise InputError(
-                f"another process is training in {self.path}: wait for it, or choose another folder with --out"
-            ) from None
+    def locked(self) -> contextlib.AbstractContextManager[None]:
+        """Keeps other processes from training in the folder (`locked`)."""
+        return locked(self.path)
 
     def summary(self, expected: Schema | None = None) -> dict | None:
         """What the finished run wrote, or None if the run is not finished.
@@ -252,6 +225,44 @@ class RunFolder:
             at = next(rows).index(name)
             values = np.fromiter((float(row[at]) for row in rows), float)
         return values.reshape(-1, lanes).T
+
+
+def prepare(path: Path) -> None:
+    """Makes a folder, and tries whether it can be written. It is better to fail before anything is computed.
+
+    Raises:
+      InputError: if it cannot be written, or if its disk is nearly full.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        probe = path / ".writable"
+        probe.write_text("")
+        probe.unlink()
+    except OSError as e:
+        raise InputError(f"cannot write to {path} ({e.strerror}): choose another folder with --out") from None
+    if shutil.disk_usage(path).free < MINIMUM_FREE_BYTES:
+        raise InputError(
+            f"the disk of {path} has less than {MINIMUM_FREE_BYTES // 10**6} MB free: free some space, or "
+            "choose another folder with --out"
+        )
+
+
+@contextlib.contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Keeps other processes from training in a folder: they would mix their metrics and checkpoints.
+
+    Raises:
+      InputError: if another process is training in the folder (with `WAITS` its end is waited for), or if the folder
+        cannot be written.
+    """
+    prepare(path)
+    try:
+        with filelock.FileLock(path / LOCK, timeout=-1 if WAITS.get() else 0):
+            yield
+    except filelock.Timeout:
+        raise InputError(
+            f"another process is training in {path}: wait for it, or choose another folder with --out"
+        ) from None
 
 
 def _check_lines(path: Path, lines: list[str], count: int, labels: list[dict], advice: str) -> None:

@@ -87,14 +87,38 @@ def make_algorithm(env: Task, config: Config) -> Algorithm:
 # 1. Learn ------------------------------------------------------------------------------------------------------------
 
 
-def learn(folder: RunFolder, experiment: Experiment) -> tuple[Algorithm, PyTree]:
+class Learner(NamedTuple):
+    """What learns, compiled once for all experiments that differ in the values of their points alone.
+
+    Attributes:
+      algorithm: the method.
+      lanes: a lane for each point and seed.
+    """
+
+    algorithm: Algorithm
+    lanes: Lanes
+
+
+def learner(experiment: Experiment) -> Learner:
+    """What learns in an experiment; nothing is compiled yet."""
+    algorithm, labels = make_algorithm(experiment.source.env, experiment.config), lanes_of(experiment)
+    keys = lane_keys(LEARN, [lane["seed"] for lane in labels])
+    return Learner(algorithm, Lanes(algorithm, keys, _hparams(experiment), experiment.source.demos))
+
+
+def learn(folder: RunFolder, experiment: Experiment, shared: Learner | None = None) -> tuple[Algorithm, PyTree]:
     """Trains the method of an experiment, and keeps snapshots of every seed's reward (not of a sweep's).
+
+    Args:
+      shared: the `learner` of an experiment that differs from this one in the values of its points alone. What it has
+        compiled is not compiled again.
 
     Returns:
       The algorithm and the final states `[points * seeds, ...]`; the seeds of one point of a sweep lie side by side.
     """
     labels = lanes_of(experiment)
-    algorithm, lanes = _learning_lanes(experiment, labels)
+    algorithm, lanes = learner(experiment) if shared is None else shared
+    lanes = lanes.with_hparams(_hparams(experiment))
 
     def save_snapshot(iteration: int, state: PyTree) -> None:
         reward = describe(experiment, learned_reward(state), [iteration] * len(labels))
@@ -111,17 +135,16 @@ def lanes_of(experiment: Experiment) -> list[Lane]:
     return [{"seed": seed} | point for point in points for seed in experiment.seeds]
 
 
-def _learning_lanes(experiment: Experiment, labels: list[Lane]) -> tuple[Algorithm, Lanes]:
-    algorithm = make_algorithm(experiment.source.env, experiment.config)
+def _hparams(experiment: Experiment) -> HParams:
+    """The floats of learning; those of a sweep are `[points * seeds]`."""
+    labels = lanes_of(experiment)
     swept = {name: np.array([lane[name] for lane in labels], np.float32) for name in labels[0] if name != "seed"}
-    hparams = dataclasses.replace(experiment.recipe.hparams, **swept)
-    keys = lane_keys(LEARN, [lane["seed"] for lane in labels])
-    return algorithm, Lanes(algorithm, keys, hparams, experiment.source.demos)
+    return dataclasses.replace(experiment.recipe.hparams, **swept)
 
 
 def untrained(experiment: Experiment) -> PyTree:
     """The rewards `[seeds, ...]` before the first iteration: networks with random weights."""
-    _, lanes = _learning_lanes(experiment, lanes_of(experiment))
+    lanes = learner(experiment).lanes
     return learned_reward(lanes.take(lanes.init()))
 
 

@@ -207,16 +207,8 @@ def final_returns(
     Raises:
       Diverged: if a return is not finite.
     """
-    episodes = episodes or EVALUATION_EPISODES
-
-    def lane_returns(state, key):
-        def act(obs, key):
-            return algorithm.act(state, obs, key if sampled else None)
-
-        return evaluate(key, env, act, episodes, env.episode_length)[0]
-
-    state = jax.tree.map(jax.numpy.asarray, state)
-    returns = np.asarray(jax.jit(jax.vmap(lane_returns))(state, lane_keys(EVALUATE, seeds)))
+    play = _play(env, algorithm, episodes or EVALUATION_EPISODES, sampled)
+    returns = np.asarray(play(jax.tree.map(jax.numpy.asarray, state), lane_keys(EVALUATE, seeds)))
     if not np.isfinite(returns).all():
         lane, episode = np.argwhere(~np.isfinite(returns))[0]
         raise Diverged(
@@ -228,6 +220,19 @@ def final_returns(
             float(returns[lane, episode]),
         )
     return returns
+
+
+@functools.lru_cache(maxsize=1)
+def _play(env: Task, algorithm: Algorithm, episodes: int, sampled: bool) -> Callable[[PyTree, Key], jax.Array]:
+    """The program of `final_returns`: `(state, keys) -> returns [lanes, episodes]`. The last one is kept compiled."""
+
+    def lane_returns(state, key):
+        def act(obs, key):
+            return algorithm.act(state, obs, key if sampled else None)
+
+        return evaluate(key, env, act, episodes, env.episode_length)[0]
+
+    return jax.jit(jax.vmap(lane_returns))
 
 
 def scores(

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 
-from eairl_jax.experiments.display.plots import Curve, Dots, curve_figure, dots_figure, plot, plot_sweep
+from eairl_jax.experiments.display.plots import (
+    Axis,
+    Curve,
+    Dots,
+    curve_figure,
+    dots_figure,
+    plot,
+    plot_search,
+    plot_sweep,
+)
 
 
 def test_a_curve_shows_the_mean_and_the_range_over_seeds():
@@ -102,3 +111,23 @@ def test_a_name_is_drawn_as_it_is(tmp_path):
     name = r"a $\nowhere{$ b"
     plot(tmp_path / "x.png", name, [Curve(name, name, np.ones((1, 2)), 1, (name, 1.0))])
     assert (tmp_path / "x.png").stat().st_size > 1000
+
+
+def test_a_search_shows_a_dot_for_each_trial_and_marks_the_best(tmp_path, monkeypatch):
+    figures = []
+    monkeypatch.setattr("eairl_jax.experiments.display.plots.save", lambda figure, path: figures.append(figure))
+    axes = [Axis("a", np.array([0.1, 1.0, 10.0]), True), Axis("b", np.array([1.0, 2.0, 3.0]), False)]
+    plot_search(tmp_path / "search.png", "title", axes, np.array([0.5, np.nan, 0.2]), "score", 1.0)
+    (figure,) = figures
+    panels = [panel for panel in figure.axes if panel.get_xlabel() in ("a", "b")]
+    assert [panel.get_xscale() for panel in panels] == ["log", "linear"]
+    for panel, axis in zip(panels, axes, strict=True):
+        lost, best, expert = panel.lines
+        np.testing.assert_array_equal(lost.get_xdata(), axis.values[[1]])
+        np.testing.assert_array_equal(best.get_xydata(), [[axis.values[0], 0.5]])
+        assert set(expert.get_ydata()) == {1.0}
+        np.testing.assert_array_equal(
+            panel.collections[0].get_offsets(), [[axis.values[0], 0.5], [axis.values[2], 0.2]]
+        )
+    plot_search(tmp_path / "search.png", "title", axes, np.full(3, np.nan), "score", None)
+    assert [len(panel.lines) for panel in figures[1].axes[:2]] == [1, 1]
