@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 STAMP = $(VENV)/.installed
 
-EXTRAS = minari,hf,hdf5,wandb,search
+EXTRAS = minari,hf,hdf5,wandb,search,cluster
 # jax2onnx asks for an older orbax-checkpoint than ours, so it has an environment of its own.
 ONNX_VENV = $(VENV)-onnx
 ONNX_STAMP = $(ONNX_VENV)/.installed
@@ -20,7 +20,7 @@ KILLS ?=
 help:
 	@echo "make demo       learn a reward in the left maze, use it in the right one (the main job)"
 	@echo "make test       the fast tests"
-	@echo "make test-extras  the tests of Minari, HuggingFace, HDF5, W&B and Optuna, which it installs"
+	@echo "make test-extras  the tests of Minari, HuggingFace, HDF5, W&B, Optuna and submitit, which it installs"
 	@echo "make onnx       an environment for eairl export --format onnx: $(ONNX_VENV)/bin/eairl"
 	@echo "make test-onnx  the tests of ONNX, in that environment"
 	@echo "make test-slow  the tests that train to convergence"

@@ -191,8 +191,10 @@ class Peer:
         return content
 
     def _lost(self, error: OSError | None) -> ProcessLost:
-        is_closed = error is None or isinstance(error, ConnectionError)  # reset, where it left something unread
-        reason = "has ended" if is_closed else f"does not answer any more ({error.strerror or error})"
+        if error is None or isinstance(error, ConnectionError):  # reset, where it left something unread
+            reason = "has ended"
+        else:
+            reason = f"does not answer any more ({error.strerror or error})"
         return ProcessLost(f"{self.name} {reason}: {GO_ON}")
 
 

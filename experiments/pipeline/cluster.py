@@ -8,6 +8,8 @@ the table.
 from __future__ import annotations
 
 import shlex
+import subprocess
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +23,8 @@ from eairl_jax.extras import required
 T = TypeVar("T")
 MINUTES = 24 * 60
 """The time limit of a job, unless `--cluster-set timeout_min=N` says another."""
+STOPPED = {130, 143}
+"""Exit codes of a command that SIGINT or SIGTERM has stopped."""
 MOST_TIMEOUTS = 100
 """How often a job that ran out of time begins again."""
 
@@ -55,19 +59,18 @@ class Job:
     number: int
 
     def __call__(self) -> None:
-        """Runs the command in a process of the cluster.
+        """Runs the command in a process of its own.
 
         Raises:
           RuntimeError: if the command fails, so that the job counts as failed. Its message is in the job's log.
+          SystemExit: if the command was asked to stop. It has saved what it had.
         """
-        from eairl_jax.experiments.cli import main
-
-        try:
-            main([*self.arguments, "--program", str(self.number)])
-        except SystemExit as e:
-            if e.code in (1, 2):
-                raise RuntimeError("the command failed: its message is in this log") from e
-            raise  # submitit ends a pre-empted job so
+        command = [sys.executable, "-m", "eairl_jax.experiments.cli", *self.arguments, "--program", str(self.number)]
+        code = subprocess.run(command, check=False).returncode
+        if code in STOPPED:
+            sys.exit(code)
+        if code:
+            raise RuntimeError(f"the command ended with the exit code {code}: its message is in this log")
 
     def checkpoint(self) -> Any:
         """What submitit puts into the queue again when the job is pre-empted: the job goes on from its checkpoint."""
