@@ -120,7 +120,7 @@ class Config:
     """Which samples of the policy the discriminator sees. "iterations": evenly drawn from the current iteration and the
     last `history_length`. "paths": half from the current iteration, half from a pool that keeps half of each batch (the
     release). "all": half from the current iteration, half from `history_length` + 1 iterations that are drawn evenly
-    from all iterations so far."""
+    from all iterations so far. "default": that of the method; "all" where an absorbing state follows an end."""
     history_length: int = 20
     """Number of past iterations whose samples the discriminator sees beside the current samples."""
     policy_reset_every: int = 0

@@ -69,6 +69,18 @@ def resolved(env: Env, config: Config, default: str) -> Config:
     return dataclasses.replace(config, episode_length=int(length), horizon=horizon)
 
 
+def keeping_ends(env: Env, config: Config) -> Config:
+    """The configuration with history "all" where an absorbing state follows an end, unless it names another history.
+
+    A policy that has learned not to end its episodes leaves the absorbing state to the expert's ends alone. The
+    discriminator would then pay for it without bound, and the policy would end its episodes at once. A sample of all
+    iterations always holds ends. Kostrikov et al. (2019) draw from the whole replay too.
+    """
+    if config.history == "default" and config.horizon == "absorbing" and can_end(env):
+        return dataclasses.replace(config, history="all")
+    return config
+
+
 class HorizonWarning(UserWarning):
     """A learned reward decides how long a policy wants to live."""
 

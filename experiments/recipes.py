@@ -195,16 +195,19 @@ SWIMMER: dict[str, Section] = {
 
 # Of tasks that are not in `RECIPES`. Their episodes are as long as those of brax (1,000 steps), or shorter.
 LONG_EPISODE = 300
+# Discriminator and policy chase each other: a policy whose steps get smaller ends near the expert.
+IMITATE = dict(policy_lr_final_fraction=0.1)
 DEFAULTS: dict[str, Section] = {
     "all": dict(num_envs=128, rollout_length=50, ppo_minibatches=16),
     "expert": WALK | dict(log_std_max=0.5, iterations=400),
-    "imitate": dict(iterations=400),
+    "imitate": IMITATE | dict(iterations=400),
     "reward": dict(iterations=400, snapshot_every=100),
     "retrain": WALKER["retrain"] | dict(iterations=400, source_retrain_iterations=100),
 }
 # Short episodes are learned with smaller batches: one iteration is 1,600 steps, about those of the pendulum.
 SHORT_DEFAULTS: dict[str, Section] = {
     "all": dict(num_envs=32, rollout_length=50, ppo_minibatches=4),
+    "imitate": IMITATE,
     "retrain": dict(actions="clipped", restarts=1, std_final_fraction=1.0, log_std_init=-0.5, log_std_max=0.5),
 }
 

@@ -244,6 +244,25 @@ def test_statistics_of_observations_leave_out_the_absorbing_state():
     assert updated.count == 2
 
 
+def test_the_history_holds_ends_of_all_iterations_where_an_absorbing_state_follows_them(toy, tiny, demos):
+    ending, kept = toy(ends_at=3), dataclasses.replace(config("absorbing"), history="all")
+    assert horizon.keeping_ends(ending, config("absorbing")) == kept
+    for env, other in (
+        (ending, config("variable")),
+        (ending, dataclasses.replace(config("absorbing"), history="paths")),
+        (toy(), config("absorbing")),
+    ):
+        assert horizon.keeping_ends(env, other) == other
+
+    def loss(**changes):
+        algorithm = make_irl(ending, tiny(method="gail", horizon="absorbing", **changes))
+        state = algorithm.init(jax.random.PRNGKey(0), HParams())
+        return float(jax.jit(algorithm.step)(state, HParams(), demos)[1]["discriminator_loss"])
+
+    assert loss() == loss(history="all")
+    assert loss() != loss(history="iterations")
+
+
 def test_whole_trajectories_need_whole_episodes(toy, tiny):
     with pytest.raises(InputError, match="horizon variable an episode may end early"):
         make_irl(toy(ends_at=3), tiny(method="gan_gcl", rollout_length=5, horizon="variable"))

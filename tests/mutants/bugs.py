@@ -288,6 +288,13 @@ LIBRARY = bugs_of(
         "eairl_jax/test_horizon.py::test_absorbing_steps_of_the_expert_are_those_of_the_policy",
     ),
     (
+        "ends-leave-the-history",
+        "horizon.py",
+        'return dataclasses.replace(config, history="all")',
+        "return config",
+        "eairl_jax/test_horizon.py::test_the_history_holds_ends_of_all_iterations_where_an_absorbing_state_follows_them",
+    ),
+    (
         "the-dead-are-paid",
         "horizon.py",
         "reward = jnp.where(state.ended > 0, 0.0, inner.reward)",
