@@ -71,8 +71,8 @@ LIBRARY = bugs_of(
     (
         "mean-logit-of-a-trajectory",
         "discriminator.py",
-        "config).sum(axis=-1)\n",
-        "config).mean(axis=-1)\n",
+        "else logit.sum(axis=-1)",
+        "else logit.mean(axis=-1)",
         "eairl_jax/test_discriminator.py",
     ),
     (
