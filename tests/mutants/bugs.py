@@ -69,6 +69,13 @@ LIBRARY = bugs_of(
         "eairl_jax/test_discriminator.py",
     ),
     (
+        "the-rewards-loss-moves-the-classifier",
+        "discriminator.py",
+        "method.reward_loss(r, jax.lax.stop_gradient(logit))",
+        "method.reward_loss(r, logit)",
+        "eairl_jax/test_discriminator.py",
+    ),
+    (
         "mean-logit-of-a-trajectory",
         "discriminator.py",
         "else logit.sum(axis=-1)",
