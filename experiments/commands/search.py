@@ -126,8 +126,8 @@ def _note(experiment: Experiment, trials: Sequence[Trial]) -> str:
     lost = sum(trial.score is None for trial in trials)
     diverged = f"; {lost} of {len(trials)} trials have diverged, and have no score" if lost else ""
     return (
-        f"the score of the best of {_counted(experiment, trials)} is optimistic: it is the highest of many. Its setting "
-        f"with other seeds has a score that can be reported{diverged}"
+        f"the score of the best of {_counted(experiment, trials)} is optimistic: it is the highest of many. Its "
+        f"setting with other seeds has a score that can be reported{diverged}"
     )
 
 
