@@ -90,7 +90,7 @@ def _draw(path: Path, experiment: Experiment, plan: Plan, trials: Sequence[Trial
         for name, domain in plan.domains.items()
     ]
     scores = np.array([np.nan if trial.score is None else trial.score for trial in trials])
-    title = f"{experiment.name} in {experiment.source.task}: {len(trials)} trials of {len(experiment.seeds)} seeds"
+    title = f"{experiment.name} in {experiment.source.task}: {_counted(experiment, trials)}"
     expert = None if experiment.source.reference.expert is None else 1.0
     plot_search(path, title, axes, scores, _label(experiment), expert)
 
@@ -100,10 +100,21 @@ def _rows(experiment: Experiment, trials: Sequence[Trial]) -> list[list[str]]:
     has_expert = experiment.source.reference.expert is not None
     rows = []
     for trial in trials:
-        returns = mean_and_std(np.mean(trial.returns), np.std(trial.returns)) if trial.returns else "diverged"
+        returns = _spread(trial.returns)
         score = [f"{trial.score:.3f}" if trial.score is not None else ""] if has_expert else []
         rows.append([f"trial {trial.number}", *(f"{value:g}" for value in trial.point.values()), returns, *score])
     return rows
+
+
+def _spread(returns: Sequence[float]) -> str:
+    if len(returns) > 1:
+        return mean_and_std(np.mean(returns), np.std(returns))
+    return f"{returns[0]:.2f}" if returns else "diverged"
+
+
+def _counted(experiment: Experiment, trials: Sequence[Trial]) -> str:
+    seeds = len(experiment.seeds)
+    return f"{len(trials)} trials of {seeds} seed{'' if seeds == 1 else 's'}"
 
 
 def _titles(experiment: Experiment, plan: Plan) -> list[str]:
@@ -115,8 +126,8 @@ def _note(experiment: Experiment, trials: Sequence[Trial]) -> str:
     lost = sum(trial.score is None for trial in trials)
     diverged = f"; {lost} of {len(trials)} trials have diverged, and have no score" if lost else ""
     return (
-        f"the score of the best of {len(trials)} trials is optimistic: it is the highest of many, of "
-        f"{len(experiment.seeds)} seeds each. Its setting with other seeds has a score that can be reported{diverged}"
+        f"the score of the best of {_counted(experiment, trials)} is optimistic: it is the highest of many. Its "
+        f"setting with other seeds has a score that can be reported{diverged}"
     )
 
 
@@ -159,8 +170,8 @@ def _tell(experiment: Experiment, plan: Plan, trials: Sequence[Trial], out: Path
             experiment.recipe.last_iteration,
             float("nan"),
         )
-    title = f"{experiment.name} in {experiment.source.task}: the best of {len(trials)} trials, {len(experiment.seeds)} "
-    print_rows(f"{title}seeds each", _titles(experiment, plan), _rows(experiment, ranked[:SHOWN]))
+    title = f"{experiment.name} in {experiment.source.task}: the best of {_counted(experiment, trials)}"
+    print_rows(title, _titles(experiment, plan), _rows(experiment, ranked[:SHOWN]))
     say(_note(experiment, trials))
     say_if_no_expert(experiment.source.task, experiment.source.reference.expert)
     say(

@@ -88,7 +88,7 @@ def test_a_search_is_repeatable_goes_on_and_says_what_is_best(tmp_path, tiny, ca
     assert content["best"]["score"] == max(trial["score"] for trial in trials)
     assert content["best_command"] in printed
     assert "--first-seed 2" in content["best_command"]
-    assert "the score of the best of 4 trials is optimistic" in printed
+    assert "the score of the best of 4 trials of 2 seeds is optimistic" in printed
     assert (out / "search.png").read_bytes().startswith(b"\x89PNG")
     assert "generation-001/index.html" in (out / "index.html").read_text()
     compiled = [json.loads((out / f"generation-00{g}" / "seconds.json").read_text())["compile_seconds"] for g in (0, 1)]
