@@ -191,8 +191,9 @@ class Peer:
         return content
 
     def _lost(self, error: OSError | None) -> ProcessLost:
-        is_closed = error is None or isinstance(error, ConnectionError)  # reset, where it left something unread
-        reason = "has ended" if is_closed else f"does not answer any more ({error.strerror or error})"
+        reason = "has ended"
+        if error and not isinstance(error, ConnectionError):  # a dead process resets what it had not read
+            reason = f"does not answer any more ({error.strerror or error})"
         return ProcessLost(f"{self.name} {reason}: {GO_ON}")
 
 
