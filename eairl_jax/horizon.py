@@ -69,13 +69,17 @@ def resolved(env: Env, config: Config, default: str) -> Config:
     return dataclasses.replace(config, episode_length=int(length), horizon=horizon)
 
 
-def keeping_ends(env: Env, config: Config) -> Config:
-    """The configuration with history "all" where an absorbing state follows an end, unless it names another history.
+def learning_config(env: Env, config: Config) -> Config:
+    """`resolved` where a reward is learned; with history "all" where an absorbing state follows an end.
 
-    A policy that has learned not to end its episodes leaves the absorbing state to the expert's ends alone. The
-    discriminator would then pay for it without bound, and the policy would end its episodes at once. A sample of all
-    iterations always holds ends. Kostrikov et al. (2019) draw from the whole replay too.
+    A history that the configuration names stays. A policy that has learned not to end its episodes leaves the absorbing
+    state to the expert's ends alone. The discriminator would then pay for it without bound, and the policy would end its
+    episodes at once. A sample of all iterations always holds ends. Kostrikov et al. (2019) draw from the whole replay too.
+
+    Raises:
+      InputError: if neither the configuration nor the environment has a time limit.
     """
+    config = resolved(env, config, of_learned_reward(env))
     if config.history == "default" and config.horizon == "absorbing" and can_end(env):
         return dataclasses.replace(config, history="all")
     return config

@@ -72,8 +72,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
         if the method discriminates whole trajectories and a rollout does not consist of whole episodes.
     """
     check_env(env)
-    config = horizon.resolved(env, config, horizon.of_learned_reward(env))
-    config = methods.of_known_method(horizon.keeping_ends(env, config))
+    config = methods.of_known_method(horizon.learning_config(env, config))
     horizon.warn_if_variable(env, config)
     env = horizon.learning_env(env, config)
     discriminator_data.check_whole_trajectories(env, config)

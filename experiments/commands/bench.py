@@ -144,7 +144,7 @@ def whole_iterations(experiment: Experiment, iterations: int) -> tuple[dict[str,
 def stages(experiment: Experiment, iterations: int) -> dict[str, Callable[[], None]]:
     """A program for each stage of an iteration of one seed, and one for the simulation in it alone."""
     config, hparams, env = (
-        with_method_defaults(horizon.keeping_ends(experiment.source.env, experiment.recipe.config)),
+        with_method_defaults(horizon.learning_config(experiment.source.env, experiment.recipe.config)),
         experiment.recipe.hparams,
         experiment.source.env,
     )

@@ -246,13 +246,13 @@ def test_statistics_of_observations_leave_out_the_absorbing_state():
 
 def test_the_history_holds_ends_of_all_iterations_where_an_absorbing_state_follows_them(toy, tiny, demos):
     ending, kept = toy(ends_at=3), dataclasses.replace(config("absorbing"), history="all")
-    assert horizon.keeping_ends(ending, config("absorbing")) == kept
+    assert horizon.learning_config(ending, config("absorbing")) == kept
     for env, other in (
         (ending, config("variable")),
         (ending, dataclasses.replace(config("absorbing"), history="paths")),
         (toy(), config("absorbing")),
     ):
-        assert horizon.keeping_ends(env, other) == other
+        assert horizon.learning_config(env, other) == other
 
     def loss(**changes):
         algorithm = make_irl(ending, tiny(method="gail", horizon="absorbing", **changes))
