@@ -73,8 +73,9 @@ def learning_config(env: Env, config: Config) -> Config:
     """`resolved` where a reward is learned; with history "all" where an absorbing state follows an end.
 
     A history that the configuration names stays. A policy that has learned not to end its episodes leaves the absorbing
-    state to the expert's ends alone. The discriminator would then pay for it without bound, and the policy would end its
-    episodes at once. A sample of all iterations always holds ends. Kostrikov et al. (2019) draw from the whole replay too.
+    state to the expert's ends alone. The discriminator would then pay for it without bound, and the policy would end
+    its episodes at once. A sample of all iterations always holds ends. Kostrikov et al. (2019) draw from the whole
+    replay too.
 
     Raises:
       InputError: if neither the configuration nor the environment has a time limit.

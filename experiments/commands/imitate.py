@@ -19,7 +19,8 @@ def run(options: Imitate, command_line: str) -> None:
     """Runs an experiment for each method and reward form, and prints one table."""
     experiments, results = imitations(options), []
     jobs = [[experiment] for experiment in experiments]
-    for experiment in cluster.mine(options, jobs, options.out or RUNS, command_line):
+    logs = cluster.beside(options.out) if options.out else RUNS / "jobs"
+    for experiment in cluster.mine(options, jobs, logs, command_line):
         # --out is the run's folder; where several runs share it, each has a folder in it.
         path = default_path(options, experiment.folder_name(), experiment.settings())
         if options.out:

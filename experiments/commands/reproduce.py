@@ -45,7 +45,7 @@ def run(options: Reproduce, command_line: str) -> None:
         refuse_other_results(folder / f"{table}.json", {p.identity: experiments[p] for p in planned_all})
     finished: list[tuple[str, Experiment, Result]] = []
     jobs = cluster.groups(plan.cheapest_first(planned_of), lambda each: learning_folder(experiments[each[1]], out).path)
-    for table, planned in cluster.mine(options, jobs, out, command_line):
+    for table, planned in cluster.mine(options, jobs, out / "jobs", command_line):
         result = train(experiments[planned], out, command_line)
         results.add(folder / f"{table}.json", result)
         finished.append((table, experiments[planned], result))

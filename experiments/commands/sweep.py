@@ -30,7 +30,7 @@ def run(options: Sweep, command_line: str) -> None:
     first = experiments[0]
     name = first.folder_name() if len(experiments) == 1 else f"sweep-{file_name(options.task)}-{options.method}"
     out = options.out or default_path(options, name, first.settings())
-    for experiment in cluster.mine(options, [[each] for each in experiments], out, command_line):
+    for experiment in cluster.mine(options, [[each] for each in experiments], cluster.beside(out), command_line):
         path = out if len(experiments) == 1 else out / experiment.name
         result = run_experiment(experiment, path, command_line)
         warn_if_saturated(result)

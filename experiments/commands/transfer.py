@@ -38,7 +38,7 @@ def run(options: Transfer, command_line: str) -> None:
 def _learn_and_use(options: Transfer, out: Path, command_line: str) -> list[Result]:
     results = []
     jobs = cluster.groups(transfers(options), lambda each: learning_folder(each, out).path)
-    for experiment in cluster.mine(options, jobs, out, command_line):
+    for experiment in cluster.mine(options, jobs, out / "jobs", command_line):
         path = out / experiment.folder_name()
         if not options.out:
             path = default_path(options, experiment.folder_name(), experiment.settings())

@@ -85,12 +85,17 @@ def groups(experiments: Iterable[T], shared: Callable[[T], Any]) -> list[list[T]
     return list(found.values())
 
 
-def mine(options: Options, jobs: Sequence[Sequence[T]], out: Path, command_line: str) -> list[T]:
+def beside(out: Path) -> Path:
+    """The folder of the jobs' logs beside a run's folder, in which nothing else may be."""
+    return out.with_name(f"{out.name}-jobs")
+
+
+def mine(options: Options, jobs: Sequence[Sequence[T]], logs: Path, command_line: str) -> list[T]:
     """The experiments that this process trains: all, or those of its job; none if they were given to a cluster.
 
     Args:
       jobs: the experiments of each job.
-      out: the folder of the runs. The jobs' logs are in `jobs/` there.
+      logs: the folder of the jobs' logs.
 
     Raises:
       InputError: if the cluster cannot take the jobs, or if there is no job of the number.
@@ -104,7 +109,7 @@ def mine(options: Options, jobs: Sequence[Sequence[T]], out: Path, command_line:
         if options.cluster_set:
             raise InputError(f"--cluster-set {options.cluster_set[0]}: give --cluster slurm too")
         return [each for job in jobs for each in job]
-    submit(options.cluster, options.cluster_set, len(jobs), out / "jobs", command_line)
+    submit(options.cluster, options.cluster_set, len(jobs), logs, command_line)
     return []
 
 
@@ -124,7 +129,7 @@ def submit(cluster: str, parameters: Sequence[str], count: int, logs: Path, comm
             jobs = [executor.submit(Job(arguments, number)) for number in range(count)]
     except Exception as e:  # submitit has no type of error of its own for any of these
         raise InputError(f"--cluster {cluster}: {type(e).__name__}: {e}") from None
-    say(f"{count} jobs of {cluster}: {' '.join(str(job.job_id) for job in jobs)}; their logs are in {logs}/")
+    say(f"jobs of {cluster}: {' '.join(str(job.job_id) for job in jobs)}; their logs are in {logs}/")
     say("`eairl runs` shows what they have done; when all are done, this command without --cluster prints the table")
     return jobs
 
