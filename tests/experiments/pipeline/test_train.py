@@ -259,6 +259,7 @@ def as_one(in_processes):
     return check
 
 
+@pytest.mark.slow
 def test_one_process_goes_on_where_two_were_when_one_of_them_died(in_processes, as_one, tmp_path):
     train, _ = in_processes
     leader, worker = train.start_two(tmp_path / "run")
