@@ -117,8 +117,9 @@ def learn(folder: RunFolder, experiment: Experiment, shared: Learner | None = No
       The algorithm and the final states `[points * seeds, ...]`; the seeds of one point of a sweep lie side by side.
     """
     labels = lanes_of(experiment)
-    algorithm, lanes = learner(experiment) if shared is None else shared
-    lanes = lanes.with_hparams(_hparams(experiment))
+    algorithm, lanes = shared or learner(experiment)
+    if shared:
+        lanes = lanes.with_hparams(_hparams(experiment))
 
     def save_snapshot(iteration: int, state: PyTree) -> None:
         reward = describe(experiment, learned_reward(state), [iteration] * len(labels))

@@ -289,6 +289,12 @@ def test_two_processes_go_on_where_one_was(in_processes, as_one, tmp_path):
     as_one(folder)
 
 
+def test_a_team_learns_from_demonstrations_what_a_process_alone_learns(trained, tmp_path, imitate, tiny):
+    with processes.leading(processes.Team([], [2])):  # a team of this process alone, with its two devices
+        assert imitate(tmp_path / "run", tiny) == 0
+    assert (tmp_path / "run" / "metrics.csv").read_bytes() == (trained / "metrics.csv").read_bytes()
+
+
 @pytest.mark.parametrize("more", [(), ("--more-seeds", 2)])
 def test_a_run_of_fewer_seeds_than_processes_is_refused_before_anything_is_computed(more, tmp_path, run, tiny, capsys):
     with processes.leading(processes.Team([], [1] * 3)):
