@@ -81,9 +81,13 @@ def init(key: Key, obs_size: int, action_size: int, config: Config) -> PyTree:
     if config.shaping in ("learned", "both"):
         params["h"] = net.init(h_key, obs)
     if METHODS[config.method].reward_loss:
-        inputs = (obs,) if config.reward_form == "s" else (obs, action)
-        params["d"] = net.init(jax.random.fold_in(key, 1), *inputs)
+        params["d"] = net.init(jax.random.fold_in(key, 1), *_classified(obs, action, config))
     return params
+
+
+def _classified(obs: jax.Array, action: jax.Array, config: Config) -> tuple[jax.Array, ...]:
+    """What a classifier beside the reward sees: what the reward is a function of."""
+    return (obs,) if config.reward_form == "s" else (obs, action)
 
 
 def reward(params: PyTree, obs: jax.Array, action: jax.Array, config: Config) -> jax.Array:
@@ -108,8 +112,7 @@ def logit_expert_high(params: PyTree, samples: Samples, discount, config: Config
     With `Method.reward_loss`, f is the classifier "d".
     """
     if METHODS[config.method].reward_loss:
-        inputs = (samples.obs,) if config.reward_form == "s" else (samples.obs, samples.action)
-        f = nets.apply(nets.scalar(config), params["d"], *inputs)
+        f = nets.apply(nets.scalar(config), params["d"], *_classified(samples.obs, samples.action, config))
     else:
         f = reward(params, samples.obs, samples.action, config)
     if config.shaping in ("learned", "both"):

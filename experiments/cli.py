@@ -15,16 +15,18 @@ import importlib
 import os
 import shlex
 from collections.abc import Iterator
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import tyro
 
-from eairl_jax import processes
 from eairl_jax.errors import InputError
 from eairl_jax.experiments.command_line import ASSIGNMENTS, normalised
 from eairl_jax.experiments.display.plain import print_anything
 from eairl_jax.experiments.options import COMMANDS
 from eairl_jax.version import __version__
+
+if TYPE_CHECKING:
+    from eairl_jax.processes import Meeting
 
 DESCRIPTION = (
     "Learn rewards from demonstrations, and use them elsewhere: EAIRL and its relatives in JAX. "
@@ -76,10 +78,12 @@ def main(arguments: list[str] | None = None) -> None:
         _exit(STOPPED, 130)
 
 
-def _meeting(options: Any) -> processes.Meeting | None:
+def _meeting(options: Any) -> Meeting | None:
     """Where the command meets other processes; None if it trains nothing, or is alone."""
     if not hasattr(options, "coordinator"):
         return None
+    from eairl_jax import processes  # here, because help answers without NumPy
+
     try:
         return processes.meeting(options.coordinator, options.processes, options.process)
     except InputError as e:
@@ -87,12 +91,12 @@ def _meeting(options: Any) -> processes.Meeting | None:
 
 
 @contextlib.contextmanager
-def _team(where: processes.Meeting | None, options: Any) -> Iterator[bool]:
+def _team(where: Meeting | None, options: Any) -> Iterator[bool]:
     """Meets the other processes. Gives whether this process runs the command; the others have served when it ends."""
     if where is None:
         yield True
         return
-    from eairl_jax import blocks
+    from eairl_jax import blocks, processes
     from eairl_jax.experiments.display.console import say
     from eairl_jax.experiments.pipeline.interruption import Interruption
 

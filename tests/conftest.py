@@ -34,7 +34,7 @@ from flax import struct
 from hypothesis import settings
 
 import eairl_jax
-from eairl_jax import Config, Demonstrations, Transition
+from eairl_jax import METHODS, NETWORKS, Config, Demonstrations, Transition
 
 # The first call compiles, so no deadline; the same examples every time.
 settings.register_profile("eairl_jax", deadline=None, derandomize=True, database=None)
@@ -96,6 +96,16 @@ def resident_gb():
     except OSError:
         return 0.0
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e9
+
+
+@pytest.fixture
+def no_trace():
+    """Methods and networks that a test makes known are forgotten after it."""
+    before = [(table, dict(table)) for table in (METHODS, NETWORKS)]
+    yield
+    for table, content in before:
+        table.clear()
+        table.update(content)
 
 
 @pytest.fixture(scope="session")

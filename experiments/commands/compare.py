@@ -51,9 +51,7 @@ def run(options: Compare, command_line: str) -> None:
     plot(folder / "curves.png", "", curves)
     write_json(folder / "comparison.json", {"command_line": command_line, "runs": figures})
     table = page.Table("Scores", TITLES, rows, NOTE)
-    picture = page.Picture(
-        "While they trained", page.data_url((folder / "curves.png").read_bytes(), "png"), is_wide=False
-    )
+    picture = page.png("While they trained", folder / "curves.png", is_wide=False)
     link = page.Link("all figures of this page", "comparison.json")
     subtitle = f"{score}; mean and range over the seeds"
     shown = page.Page(f"{len(compared)} runs compared", subtitle, [table], [picture], [link], {"command": command_line})

@@ -51,9 +51,10 @@ def run(options: Evaluate, command_line: str) -> None:
         say(note)
     if folder:
         table = page.Table("Scores", columns, rows, "; ".join(_notes(returns)))
+        names = [f"seed {seed}" for seed in trained.seeds]
         panels = [
-            Dots(engine, "true return, a dot an episode", {f"seed {seed}": of_seed for seed, of_seed in of_engine})
-            for engine, of_engine in ((name, zip(trained.seeds, each, strict=True)) for name, each in returns.items())
+            Dots(engine, "true return, a dot an episode", dict(zip(names, each, strict=True)))
+            for engine, each in returns.items()
         ]
         facts = {"command": command_line}
         score_page.write(folder, options.run_folder.resolve().name, title, [table], panels, facts)

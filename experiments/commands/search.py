@@ -143,7 +143,7 @@ def _write_page(
         tables=[
             page.Table("Trials", _titles(experiment, plan), _rows(experiment, ordered), _note(experiment, trials)),
         ],
-        pictures=[page.Picture("Score by setting", page.data_url((out / "search.png").read_bytes(), "png"))],
+        pictures=[page.png("Score by setting", out / "search.png")],
         links=[
             page.Link("all trials", "search.json"),
             *(

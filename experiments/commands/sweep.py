@@ -54,7 +54,7 @@ def run(options: Sweep, command_line: str) -> None:
 
 def _write_page(out: Path, title: str, subtitle: str, lines: list[Line], runs: list[str], command_line: str) -> None:
     """Writes the page of several programs, with a link to the page of each."""
-    picture = page.Picture("The settings side by side", page.data_url((out / "curves.png").read_bytes(), "png"))
+    picture = page.png("The settings side by side", out / "curves.png")
     links = [page.Link(name, f"{quote(name)}/index.html") for name in runs]
     table = page.Table("Result", *table_of(lines))
     page.write(out / "index.html", page.Page(title, subtitle, [table], [picture], links, {"command": command_line}))

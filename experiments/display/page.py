@@ -76,6 +76,11 @@ def html(page: Page) -> str:
     return environment.from_string(template).render(**page._asdict())
 
 
+def png(title: str, path: Path, is_wide: bool = True) -> Picture:
+    """A figure of a PNG file."""
+    return Picture(title, data_url(path.read_bytes(), "png"), is_wide)
+
+
 def data_url(content: bytes, kind: str) -> str:
     """A picture as text that stands in the page.
 

@@ -22,6 +22,5 @@ def write(
       facts: how the scores were made, by name.
     """
     plots.plot_dots(folder / "scores.png", title, panels)
-    url = page.data_url((folder / "scores.png").read_bytes(), "png")
-    picture = page.Picture("Every score", url, is_wide=False)
+    picture = page.png("Every score", folder / "scores.png", is_wide=False)
     page.write(folder / "index.html", page.Page(title, subtitle, tables, [picture], facts=facts))

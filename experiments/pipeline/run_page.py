@@ -76,11 +76,7 @@ def of_run(path: Path) -> page.Page:
         title=path.resolve().name,
         subtitle=f"{found.method} in {found.task}, {found.planned} iterations.{score}",
         tables=[_points(summary) if summary.get("points") else _seeds(summary)],
-        pictures=[
-            page.Picture(title, page.data_url((path / name).read_bytes(), "png"))
-            for name, title in PICTURES.items()
-            if (path / name).is_file()
-        ],
+        pictures=[page.png(title, path / name) for name, title in PICTURES.items() if (path / name).is_file()],
         links=[page.Link(text, name) for name, text in LINKS.items() if (path / name).is_file()],
         facts=_facts(path, summary),
         settings={name: _text(value) for name, value in flat(settings).items()},

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 import tyro
 
-from eairl_jax import METHODS, NETWORKS
 from eairl_jax.experiments.options import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -49,17 +48,7 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", title).strip().lower()) for title in titles}
 
 
-@pytest.fixture
-def _methods_and_networks_as_before():
-    """What a page adds is gone after it."""
-    before = [(table, dict(table)) for table in (METHODS, NETWORKS)]
-    yield
-    for table, content in before:
-        table.clear()
-        table.update(content)
-
-
-@pytest.mark.usefixtures("_methods_and_networks_as_before")
+@pytest.mark.usefixtures("no_trace")
 @pytest.mark.parametrize("page", [page for page in PAGES if page.name not in NOT_RUN], ids=lambda page: page.name)
 def test_code_is_a_part_of_an_example_or_runs(page):
     names: dict = {}

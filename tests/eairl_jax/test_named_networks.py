@@ -23,6 +23,7 @@ from eairl_jax import (
     save_reward,
 )
 
+pytestmark = pytest.mark.usefixtures("no_trace")
 NAME = "somewhere.nets:Skip"
 OBS, ACTION = (np.random.default_rng(0).normal(size=(7, n)).astype(np.float32) for n in (4, 2))
 
@@ -59,15 +60,6 @@ class Unknown(nn.Module):
     @nn.compact
     def __call__(self, x):
         raise RuntimeError("no such\nthing")
-
-
-@pytest.fixture(autouse=True)
-def no_trace():
-    """Networks that a test makes known are forgotten after it."""
-    before = dict(NETWORKS)
-    yield
-    NETWORKS.clear()
-    NETWORKS.update(before)
 
 
 @pytest.fixture

@@ -16,18 +16,15 @@ ITERATIONS = "2"
 
 
 @pytest.fixture
-def example(monkeypatch, tmp_path):
+def example(monkeypatch, tmp_path, no_trace):
     """Runs an example in an empty folder and returns its names; a method that it adds is gone after the test."""
-    methods = dict(METHODS)
 
     def run(name, *arguments):
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(sys, "argv", [name, *arguments])
         return runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
 
-    yield run
-    METHODS.clear()
-    METHODS.update(methods)
+    return run
 
 
 def test_no_example_is_longer_than_60_lines():

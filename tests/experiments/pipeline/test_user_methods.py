@@ -8,16 +8,8 @@ import pytest
 
 from eairl_jax import METHODS, load_reward
 
+pytestmark = pytest.mark.usefixtures("no_trace")
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "method_of_your_own.py"
-
-
-@pytest.fixture(autouse=True)
-def no_trace(monkeypatch):
-    """Methods that a test registers are forgotten after it."""
-    before = dict(METHODS)
-    yield
-    METHODS.clear()
-    METHODS.update(before)
 
 
 def test_a_critic_of_a_users_file_learns_a_reward_that_needs_no_file(tmp_path, monkeypatch, tiny, run, capsys):

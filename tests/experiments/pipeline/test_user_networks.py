@@ -25,14 +25,10 @@ width = 3
 
 
 @pytest.fixture(autouse=True)
-def nets(tmp_path, monkeypatch):
+def nets(tmp_path, monkeypatch, no_trace):
     """The current folder holds `nets.py`; networks that a test makes known are forgotten after it."""
     (tmp_path / "nets.py").write_text(CODE)
     monkeypatch.chdir(tmp_path)
-    before = dict(NETWORKS)
-    yield
-    NETWORKS.clear()
-    NETWORKS.update(before)
 
 
 def test_a_run_has_the_network_that_set_names(tiny):
