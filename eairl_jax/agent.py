@@ -12,6 +12,7 @@ from flax import struct
 from eairl_jax import horizon, normalize, rollout
 from eairl_jax.config import Config
 from eairl_jax.gaussian import Gaussian
+from eairl_jax.shards import ONE, Shards
 from eairl_jax.types import Env, HParams, Key, PolicyOptimizer, PyTree, Transition
 
 Steps = TypeVar("Steps", bound=Any)  # a NamedTuple with obs, action and next_obs, as Transition
@@ -74,8 +75,10 @@ def distribution(agent: Agent, obs: jax.Array, optimizer: PolicyOptimizer) -> Ga
     return optimizer.distribution(agent.policy, normalize.normalize(agent.obs_stats, obs))
 
 
-def collect(key: Key, agent: Agent, env: Env, optimizer: PolicyOptimizer, config: Config) -> tuple[Agent, Transition]:
-    """tau ~ pi: acts for one iteration.
+def collect(
+    key: Key, agent: Agent, env: Env, optimizer: PolicyOptimizer, config: Config, shards: Shards = ONE
+) -> tuple[Agent, Transition]:
+    """tau ~ pi: acts for one iteration, in a part of the environments on each of the devices.
 
     Returns:
       The agent with its environments after the iteration, and the raw transitions `[T, N, ...]`.
@@ -87,6 +90,7 @@ def collect(key: Key, agent: Agent, env: Env, optimizer: PolicyOptimizer, config
         agent.rollout,
         config.rollout_length,
         config.episode_length,
+        shards,
     )
     return dataclasses.replace(agent, rollout=environments), raw
 

@@ -97,7 +97,7 @@ def warn_if_variable(env: Env, config: Config) -> None:
             'horizon="variable": where episodes end early, the sign of the learned reward decides how long a policy '
             'wants to live; compare with Config(horizon="absorbing")',
             HorizonWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 

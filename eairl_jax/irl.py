@@ -28,6 +28,7 @@ from eairl_jax.config import Config
 from eairl_jax.environment import check_env
 from eairl_jax.hparams import check_hparams
 from eairl_jax.policy_optimizers import make_optimizer
+from eairl_jax.shards import of_count
 from eairl_jax.types import Algorithm, Demonstrations, Env, HParams, Key, PyTree
 
 
@@ -64,21 +65,21 @@ class RewardParams:
     obs_stats: normalize.ObsStats
 
 
-def make_irl(env: Env, config: Config) -> Algorithm:
+def make_irl(env: Env, config: Config, shards: int = 1) -> Algorithm:
     """Builds the adversarial method that `config.method` names; the `data` of its `step` is `Demonstrations`.
 
+    Args:
+      shards: how many devices compute one lane together, in `Lanes`.
+
     Raises:
-      InputError: if the method or the network is unknown, if the environment does not fit (`environment.check_env`), or
-        if the method discriminates whole trajectories and a rollout does not consist of whole episodes.
+      InputError: if the method or the network is unknown, if the environment does not fit (`environment.check_env`), if
+        its copies cannot be split evenly over the devices, or if the method discriminates whole trajectories and a
+        rollout does not consist of whole episodes.
     """
-    check_env(env)
-    config = methods.of_known_method(horizon.learning_config(env, config))
-    horizon.warn_if_variable(env, config)
-    env = horizon.learning_env(env, config)
-    discriminator_data.check_whole_trajectories(env, config)
+    env, config = _learned_in(env, config)
     obs_size, action_size = normalize.flat_size(env), env.action_size
-    discriminator.check_network(obs_size, action_size, config)
-    optimizer, limit = make_optimizer(env, config), rollout.action_limit(env)
+    parts = of_count(shards, config.num_envs)
+    optimizer, limit = make_optimizer(env, config, parts), rollout.action_limit(env)
 
     def init(key: Key, hparams: HParams) -> IRLState:
         check_hparams(hparams)
@@ -99,7 +100,7 @@ def make_irl(env: Env, config: Config) -> Algorithm:
 
         # Collect trajectories tau with the policy pi_theta.
         acting = agent.reset_policy_if_due(reset_key, state.agent, optimizer, hparams, config)
-        acting, raw = agent.collect(tau_key, acting, env, optimizer, config)
+        acting, raw = agent.collect(tau_key, acting, env, optimizer, config, parts)
         past, tau = replay.add(replay_key, state.replay, raw, config), agent.normalize_obs(acting, raw)
         pi = functools.partial(optimizer.distribution, acting.policy)
 
@@ -138,7 +139,18 @@ def make_irl(env: Env, config: Config) -> Algorithm:
     def act(state: IRLState, obs, key=None):
         return agent.sample_action(state.agent, obs, key, optimizer)
 
-    return Algorithm(init, step, act)
+    return Algorithm(init, step, act, shards)
+
+
+def _learned_in(env: Env, config: Config) -> tuple[Env, Config]:
+    """The environment and the configuration as learning sees them, checked."""
+    check_env(env)
+    config = methods.of_known_method(horizon.learning_config(env, config))
+    horizon.warn_if_variable(env, config)
+    env = horizon.learning_env(env, config)
+    discriminator_data.check_whole_trajectories(env, config)
+    discriminator.check_network(normalize.flat_size(env), env.action_size, config)
+    return env, config
 
 
 def learned_reward(state: IRLState) -> RewardParams:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from eairl_jax import arguments, processes
+from eairl_jax import arguments, processes, shards
 from eairl_jax.blocks import LANES, Blocks
 from eairl_jax.errors import Diverged, InputError
 from eairl_jax.hparams import check_hparams
@@ -37,7 +37,8 @@ class Lanes:
 
     A lane has one row in every leaf of `state`, of `hparams` and, with `data_per_lane`, of `data`. Lanes do not
     exchange data, so they are split evenly over the devices. If the number of lanes is not a multiple of the number of
-    devices, copies of the last lane fill the gap; every result drops the copies.
+    devices, copies of the last lane fill the gap; every result drops the copies. An algorithm that was built for
+    several devices a lane (`make_irl(env, config, shards=2)`) gets as many for each.
 
     Inside `processes.leading`, lanes are split over the devices of all processes. A state is then a `blocks.Spread`;
     `take` gives its arrays.
@@ -51,8 +52,9 @@ class Lanes:
       devices: the devices to use, of this process; by default, all devices of this process and of its team.
 
     Raises:
-      InputError: if `keys` are not one key for each lane, if a value of `hparams` is impossible, or if a leaf of
-        `hparams` or of `data` has another number of lanes, or if there are more processes than lanes.
+      InputError: if `keys` are not one key for each lane, if a value of `hparams` is impossible, if a leaf of `hparams`
+        or of `data` has another number of lanes, if there are more processes than lanes, or if the algorithm needs more
+        devices a lane than there are, or several while there are several processes.
       ProcessLost: here and in every method, if one of several processes is gone.
     """
 
@@ -76,12 +78,15 @@ class Lanes:
         data, init = jax.tree.map(jnp.asarray, data), jax.vmap(algorithm.init)
         self._programs: dict[int, Any] = {}
         team = None if devices else processes.current()
+        devices = devices or jax.local_devices()
+        _check_shards(algorithm.shards, len(devices), team is not None)
         self._blocks = Blocks(team, init, np.asarray(keys), hparams, data, data_per_lane) if team else None
         if self._blocks:
             return
-        devices = (devices or jax.local_devices())[: self.count]
-        self._rows = np.minimum(np.arange(-(-self.count // len(devices)) * len(devices)), self.count - 1)
-        self._mesh = Mesh(np.array(devices), (LANES,))
+        rows = min(self.count, len(devices) // algorithm.shards)
+        self._rows = np.minimum(np.arange(-(-self.count // rows) * rows), self.count - 1)
+        mesh = np.array(devices[: rows * algorithm.shards]).reshape(rows, algorithm.shards)
+        self._mesh = Mesh(mesh, (LANES, shards.AXIS))
         self._lane_spec = PartitionSpec(LANES)
         self._data_spec = self._lane_spec if data_per_lane else PartitionSpec()
         self._sharding = NamedSharding(self._mesh, self._lane_spec)
@@ -243,6 +248,32 @@ def _check_algorithm(algorithm: Algorithm) -> None:
         raise InputError(
             f"algorithm is {shown(algorithm)}: expected an Algorithm, for example make_irl(env, Config()) of eairl_jax"
         )
+
+
+def _check_shards(count: int, devices: int, several_processes: bool) -> None:
+    """Raises `InputError` if a lane cannot have `count` devices."""
+    if count > devices:
+        raise InputError(
+            f"the algorithm was built with shards = {count}, and there are {devices} devices: build it with "
+            f"shards={devices} or fewer"
+        )
+    if count > 1 and several_processes:
+        raise InputError(
+            f"the algorithm was built with shards = {count}, and lanes in several processes have one device each: "
+            "build it with shards=1"
+        )
+
+
+def shards_for(lanes: int, num_envs: int) -> int:
+    """How many devices a lane can have (`shards` of `make_irl` and `make_rl`) if all devices of this process are used.
+
+    One, unless there are at least twice as many devices as lanes. In several processes a lane has one device.
+
+    Args:
+      lanes: how many lanes there are.
+      num_envs: environments of a lane; they are split evenly.
+    """
+    return 1 if processes.current() else shards.fitting(num_envs, jax.local_device_count() // lanes)
 
 
 def _check_rows(name: str, tree: PyTree, count: int) -> None:

@@ -10,10 +10,13 @@ import jax.numpy as jnp
 from eairl_jax import train_state
 from eairl_jax.actor_critic import ActorCritic, Batch, PolicyState, minibatches
 from eairl_jax.config import Config
+from eairl_jax.shards import ONE, Shards
 from eairl_jax.types import PolicyOptimizer
 
 
-def ppo(obs_size: int, action_size: int, config: Config, action_limit: float = 1.0) -> PolicyOptimizer:
+def ppo(
+    obs_size: int, action_size: int, config: Config, action_limit: float = 1.0, shards: Shards = ONE
+) -> PolicyOptimizer:
     """PPO with a clipped objective; one loss contains the policy and the value function."""
     nets = ActorCritic.build(action_size, config, action_limit)
 
@@ -36,13 +39,13 @@ def ppo(obs_size: int, action_size: int, config: Config, action_limit: float = 1
 
         def step(state, index):
             minibatch = jax.tree.map(lambda x: x[index], samples)
-            gradient, metrics = jax.grad(loss, has_aux=True)(
-                state.params, policy.log_std_offset, minibatch, penalty, hparams
+            gradient, metrics = shards.mean(
+                jax.grad(loss, has_aux=True)(state.params, policy.log_std_offset, minibatch, penalty, hparams)
             )
             gradient = train_state.clip_norm(gradient, hparams.max_grad_norm)
             return train_state.adam_step(state, gradient, hparams.policy_lr), metrics
 
-        state, metrics = jax.lax.scan(step, policy.nets, indices)
+        state, metrics = jax.lax.scan(step, policy.nets, shards.part(indices, axis=1))
         policy = dataclasses.replace(policy, nets=state)
         metrics = jax.tree.map(lambda m: m.mean(), metrics)
         kl = before.kl(nets.distribution(policy, batch.obs)).mean()

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from eairl_jax.gaussian import Gaussian
+from eairl_jax.shards import ONE, Shards
 from eairl_jax.types import Env, Key, PyTree, Transition
 
 UNKNOWN = -jnp.inf
@@ -58,6 +59,7 @@ def rollout(
     state: RolloutState,
     length: int,
     episode_length: int,
+    shards: Shards = ONE,
 ) -> tuple[RolloutState, Transition]:
     """Runs the policy for `length` steps in every environment.
 
@@ -68,13 +70,14 @@ def rollout(
     Args:
       policy: maps raw observations `[N, obs]` to a Gaussian over actions `[N, act]`.
       episode_length: the time limit, in steps.
+      shards: the devices, each of which simulates a part of the environments.
 
     Returns:
       The environments after the rollout, and the transitions `[length, N, ...]`.
     """
     num_envs = state.steps.shape[0]
     reset_key, noise_key, pick_key = jax.random.split(key, 3)
-    initial_states = jax.vmap(env.reset)(jax.random.split(reset_key, num_envs))
+    initial_states = shards.join(jax.vmap(env.reset)(shards.part(jax.random.split(reset_key, num_envs))))
     noise = jax.random.normal(noise_key, (length, num_envs, env.action_size))
     picks = jax.random.randint(pick_key, (length, num_envs), 0, num_envs)
     limit = action_limit(env)
@@ -95,14 +98,15 @@ def rollout(
         carry = env_state, jnp.where(ended, 0, steps), jnp.where(ended, 0.0, episode_return)
         return carry, (transition, ended, episode_return)
 
-    carry, (transitions, ended, returns) = jax.lax.scan(
-        step, (state.env, state.steps, state.episode_return), (noise, picks)
-    )
+    start = shards.part((state.env, state.steps, state.episode_return))
+    carry, over_time = jax.lax.scan(step, start, shards.part((noise, picks), axis=1))
+    transitions, ended, returns = shards.join(over_time, axis=1)
     counted = ended & jnp.isfinite(returns)  # states of earlier versions have NaN where these have -inf
     count = counted.sum()
     mean = jnp.where(counted, returns, 0.0).sum() / jnp.maximum(count, 1)
     mean_return = jnp.where(count > 0, mean, state.mean_return)
-    return RolloutState(*carry, mean_return), transitions
+    env_state, steps, episode_return = shards.join(carry)
+    return RolloutState(env_state, steps, episode_return, mean_return), transitions
 
 
 def where_ended(ended: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:

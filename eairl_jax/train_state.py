@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import optax
 from flax import struct
 
+from eairl_jax.shards import ONE, Shards
 from eairl_jax.types import Metrics, PyTree
 from eairl_jax.xla import prevent_loop_fusion
 
@@ -54,22 +55,25 @@ def fit(
     loss: Callable[[PyTree, PyTree], tuple[jax.Array, Metrics]],
     minibatches: PyTree,
     lr: float | jax.Array,
+    shards: Shards = ONE,
 ) -> tuple[TrainState, Metrics]:
     """Takes one Adam step on each of the minibatches, in their order.
 
     Args:
       loss: `(params, minibatch) -> (loss [], metrics)`.
       minibatches: pytree of `[updates, batch, ...]`.
+      shards: the devices, each of which takes the gradient of a part of every minibatch. With more than one, the loss
+        and the metrics must be means over the minibatch.
 
     Returns:
       The state after the last step, and the metrics, averaged over the updates.
     """
 
     def update(state, minibatch):
-        gradient, metrics = jax.grad(loss, has_aux=True)(state.params, minibatch)
+        gradient, metrics = shards.mean(jax.grad(loss, has_aux=True)(state.params, minibatch))
         return adam_step(state, gradient, lr), metrics
 
-    state, metrics = jax.lax.scan(update, state, minibatches)
+    state, metrics = jax.lax.scan(update, state, shards.part(minibatches, axis=1))
     return state, jax.tree.map(lambda m: m.mean(axis=0), metrics)
 
 

@@ -13,6 +13,7 @@ from eairl_jax import train_state
 from eairl_jax.actor_critic import ActorCritic, Batch, PolicyState, minibatches
 from eairl_jax.config import Config
 from eairl_jax.gaussian import Gaussian
+from eairl_jax.shards import ONE, Shards
 from eairl_jax.types import HParams, Penalty, PolicyOptimizer
 from eairl_jax.xla import prevent_loop_fusion
 
@@ -74,8 +75,13 @@ def line_search(
     return jnp.where(fraction > 0, theta + fraction * full_step, theta), fraction
 
 
-def trpo(obs_size: int, action_size: int, config: Config, action_limit: float = 1.0) -> PolicyOptimizer:
-    """TRPO: one natural-gradient step in an iteration for the policy; Adam on minibatches for the value function."""
+def trpo(
+    obs_size: int, action_size: int, config: Config, action_limit: float = 1.0, shards: Shards = ONE
+) -> PolicyOptimizer:
+    """TRPO: one natural-gradient step in an iteration for the policy; Adam on minibatches for the value function.
+
+    The natural step is one of the whole batch, which every device takes.
+    """
     nets = ActorCritic.build(action_size, config, action_limit)
 
     def natural_step(policy: PolicyState, samples: Batch, penalty: Penalty, hparams: HParams):
@@ -127,7 +133,7 @@ def trpo(obs_size: int, action_size: int, config: Config, action_limit: float = 
         actor, metrics = natural_step(policy, samples, penalty, hparams)
         # The value loss has no gradient for the actor, so Adam does not move the actor.
         drawn = jax.tree.map(lambda x: x[indices], samples)
-        state, value_metrics = train_state.fit(policy.nets, value_loss, drawn, hparams.policy_lr)
+        state, value_metrics = train_state.fit(policy.nets, value_loss, drawn, hparams.policy_lr, shards)
         state = dataclasses.replace(state, params=state.params | {"actor": actor})
         policy = dataclasses.replace(policy, nets=state, log_std_offset=jnp.log(hparams.std_final_fraction))
         return policy, metrics | value_metrics | {"explained_variance": explained}

@@ -85,11 +85,14 @@ class Algorithm(NamedTuple):
       step: `(state, hparams, data) -> (state, metrics)`, one iteration. `data` is what the algorithm learns from:
         `Demonstrations`, or the parameters of a reward.
       act: `(state, obs [..., obs], key) -> action [..., act]`, a sample of the policy, or its mean if key is None.
+      shards: how many devices compute one lane together (`eairl_jax.shards`). With more than one, only `Lanes` can run
+        `step`.
     """
 
     init: Callable[[Key, HParams], PyTree]
     step: Callable[[PyTree, HParams, PyTree], tuple[PyTree, Metrics]]
     act: Callable[[PyTree, jax.Array, Key | None], jax.Array]
+    shards: int = 1
 
 
 # (pi(.|s), log pi(a|s) [batch], the penalty's data for each transition) -> cost [batch]

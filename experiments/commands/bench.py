@@ -33,12 +33,15 @@ from eairl_jax.experiments.options import Bench
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine, peak_memory_gb
 from eairl_jax.experiments.pipeline.train import LEARN, lane_keys
+from eairl_jax.lanes import shards_for
 from eairl_jax.methods import METHODS, with_method_defaults
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.storage import write_json
 from eairl_jax.types import Key, PyTree, no_penalty
 
 SEEDS = 5
+ONE_DEVICE, FIVE_SEEDS, ALL_DEVICES = "iteration", "iteration, five seeds", "iteration, all devices"
+"""Programs of whole iterations: one seed on one device, five seeds on all devices, one seed on all devices."""
 ROUNDS = 7
 
 
@@ -95,9 +98,10 @@ def measure(experiments: list[Experiment], iterations: int) -> tuple[dict[str, d
             "env_steps_per_iteration": steps,
             "milliseconds": {name: 1e3 * s for name, s in own.items()},
             "simulation_steps_per_second": steps / own["simulation alone"],
-            "iteration_steps_per_second": steps / own["iteration"],
-            "iteration_over_simulation": own["simulation alone"] / own["iteration"],
-            "five_seeds_over_one": own["iteration, five seeds"] / own["iteration"],
+            "iteration_steps_per_second": steps / own[ONE_DEVICE],
+            "iteration_over_simulation": own["simulation alone"] / own[ONE_DEVICE],
+            "five_seeds_over_one": own[FIVE_SEEDS] / own[ONE_DEVICE],
+            **({"speedup_of_all_devices": own[ONE_DEVICE] / own[ALL_DEVICES]} if ALL_DEVICES in own else {}),
             "compile_seconds": compiled[experiment.name],
             "config": dataclasses.asdict(experiment.recipe.config),
         }
@@ -116,8 +120,11 @@ def measure(experiments: list[Experiment], iterations: int) -> tuple[dict[str, d
 
 
 def whole_iterations(experiment: Experiment, iterations: int) -> tuple[dict[str, Callable[[], None]], dict[str, float]]:
-    """Programs of whole iterations, of one seed on one device and of five on all, and what compiling them took."""
-    algorithm, runs, compile_seconds = make_irl(experiment.source.env, experiment.recipe.config), {}, {}
+    """Programs of whole iterations, and what compiling them took.
+
+    They are those of one seed on one device, of five seeds on all devices and, if there are several, of one on all.
+    """
+    config, runs, compile_seconds = experiment.recipe.config, {}, {}
 
     def program(lanes: Lanes, state: PyTree) -> Callable[[], None]:
         held = [state]  # a chunk consumes the state it is given
@@ -127,16 +134,20 @@ def whole_iterations(experiment: Experiment, iterations: int) -> tuple[dict[str,
 
         return run
 
-    for name, seeds, devices in (("iteration", 1, jax.devices()[:1]), ("iteration, five seeds", SEEDS, jax.devices())):
+    devices, shards = jax.local_devices(), shards_for(1, config.num_envs)
+    programs = {ONE_DEVICE: (1, devices[:1], 1), FIVE_SEEDS: (SEEDS, devices, 1)}
+    if shards > 1:
+        programs[ALL_DEVICES] = (1, devices, shards)
+    for name, (seeds, used, per_lane) in programs.items():
         lanes = Lanes(
-            algorithm,
+            make_irl(experiment.source.env, config, per_lane),
             lane_keys(LEARN, range(seeds)),
             experiment.recipe.hparams,
             experiment.source.demos,
-            devices=devices,
+            devices=used,
         )
         state = lanes.init()
-        compile_seconds[str(seeds)] = lanes.compile(state, iterations)
+        compile_seconds[name] = lanes.compile(state, iterations)
         runs[name] = program(lanes, state)
     return runs, compile_seconds
 
@@ -261,23 +272,26 @@ def _print(experiment: Experiment, result: dict) -> None:
     title = f"{experiment.name} in {experiment.source.task}: {steps:,} env steps an iteration, one seed"
     rows = []
     for name, ms in milliseconds.items():
-        steps = result["env_steps_per_iteration"] * (SEEDS if "five" in name else 1)
-        share = f"{ms / milliseconds['iteration']:.0%}" if "five" not in name else ""
+        steps = result["env_steps_per_iteration"] * (SEEDS if name == FIVE_SEEDS else 1)
+        share = f"{ms / milliseconds[ONE_DEVICE]:.0%}" if name != FIVE_SEEDS else ""
         rows.append([name, f"{ms:.1f}", f"{1e3 * steps / ms:,.0f}", share])
     print_rows(title, ["stage", "ms", "env steps/s", "share"], rows)
+    devices, seconds = len(jax.local_devices()), result["compile_seconds"]
+    speedup = result.get("speedup_of_all_devices")
+    alone = f"one seed on {devices} devices: {speedup:.2f} x the speed of one device\n" if speedup else ""
     console.print(
         f"speed of a whole iteration over that of simulation alone: {result['iteration_over_simulation']:.2f}\n"
-        f"five seeds over one: {result['five_seeds_over_one']:.2f} x the time, {len(jax.devices())} devices (aim 4)\n"
-        f"compile: {result['compile_seconds']['1']:.1f} s one seed, {result['compile_seconds'][str(SEEDS)]:.1f} s five "
+        f"five seeds on {devices} devices: {result['five_seeds_over_one']:.2f} x the time of one seed on one device\n"
+        f"{alone}compile: {seconds[ONE_DEVICE]:.1f} s one seed, {seconds[FIVE_SEEDS]:.1f} s five "
         "(seconds only, where the persistent cache is warm)"
     )
 
 
 def _compare(task: str, results: dict[str, dict]) -> None:
     first = next(iter(results))
-    base, rows = results[first]["milliseconds"]["iteration"], []
+    base, rows = results[first]["milliseconds"][ONE_DEVICE], []
     for row, result in results.items():
-        ms = result["milliseconds"]["iteration"]
+        ms = result["milliseconds"][ONE_DEVICE]
         rows.append([row, f"{ms:.1f}", f"{result['iteration_over_simulation']:.2f}", f"{ms / base:.2f}"])
     titles = ["", "ms", "speed over simulation", f"time over {first}"]
     print_rows(f"Iterations in {task}, one seed, measured in turns", titles, rows)

@@ -18,6 +18,7 @@ from eairl_jax.experiments.pipeline.experiment import checked_seeds, explain_def
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.train import LEARN, RUNS, Lane, lane_keys, scores, train
 from eairl_jax.experiments.settings import TRIALS, Recipe, parse_overrides, recipe, refuse_unread
+from eairl_jax.lanes import shards_for
 
 
 def run(options: Expert, command_line: str) -> None:
@@ -70,7 +71,7 @@ def run(options: Expert, command_line: str) -> None:
 
 def _train(folder: RunFolder, env, training: Recipe, seeds: int) -> dict:
     """The summary of experts that are trained to the end."""
-    algorithm = make_rl(env, training.config)
+    algorithm = make_rl(env, training.config, shards=shards_for(seeds, training.config.num_envs))
     lanes = Lanes(algorithm, lane_keys(LEARN, range(seeds)), training.hparams)
     labels: list[Lane] = [{"seed": seed} for seed in range(seeds)]
     state = train(folder, folder.path.name, lanes, training, labels)

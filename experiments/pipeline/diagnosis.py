@@ -236,7 +236,8 @@ def _from_expert(folder: RunFolder, training: Training) -> Behaviour:
     target = training.target
     recipe = dataclasses.replace(target.recipe, restarts=1, trials=0, trial_iterations=0, random_trials=0)
     alone = dataclasses.replace(training, target=dataclasses.replace(target, recipe=recipe))
-    algorithm, labels = alone.algorithm, training.labels
+    labels = training.labels
+    algorithm = alone.algorithm(labels)
     lanes = alone.lanes(algorithm, DIAGNOSE, labels)
     start = Start(0, lambda: _clones(alone, lanes.take(lanes.init())))
     title = f"diagnosis: training from the expert in {target.task}"

@@ -56,6 +56,7 @@ from eairl_jax.experiments.pipeline.train import (
     train,
 )
 from eairl_jax.experiments.settings import Recipe, divisor
+from eairl_jax.lanes import shards_for
 from eairl_jax.methods import METHODS, with_method_defaults
 from eairl_jax.plans import Search, make_planner
 from eairl_jax.rl import Reward, true_reward
@@ -73,15 +74,18 @@ RANDOM, EXPERT, BEST_PLAN = "random actions", "expert", "best plan"
 """Behaviours that policies are compared with."""
 
 
-def make_algorithm(env: Task, config: Config) -> Algorithm:
+def make_algorithm(env: Task, config: Config, shards: int = 1) -> Algorithm:
     """The algorithm that `config.method` names.
+
+    Args:
+      shards: how many devices compute one lane together. Behaviour cloning has no use for several.
 
     Raises:
       InputError: for a setting that the algorithm cannot work with.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", horizon.HorizonWarning)  # the commands say it in their own words
-        return make_irl(env, config) if config.method in METHODS else make_bc(env, config)
+        return make_irl(env, config, shards) if config.method in METHODS else make_bc(env, config)
 
 
 # 1. Learn ------------------------------------------------------------------------------------------------------------
@@ -101,7 +105,8 @@ class Learner(NamedTuple):
 
 def learner(experiment: Experiment) -> Learner:
     """What learns in an experiment; nothing is compiled yet."""
-    algorithm, labels = make_algorithm(experiment.source.env, experiment.config), lanes_of(experiment)
+    labels, config = lanes_of(experiment), experiment.config
+    algorithm = make_algorithm(experiment.source.env, config, shards_for(len(labels), config.num_envs))
     keys = lane_keys(LEARN, [lane["seed"] for lane in labels])
     return Learner(algorithm, Lanes(algorithm, keys, _hparams(experiment), experiment.source.demos))
 
@@ -320,10 +325,10 @@ class Training:
         function = reward_function(self.reward.config)
         return lambda params, batch: function(params, batch.obs, batch.action)
 
-    @property
-    def algorithm(self) -> Algorithm:
-        """Reinforcement learning on the reward."""
-        return make_rl(self.target.env, self.config, self.function)
+    def algorithm(self, labels: list[Lane]) -> Algorithm:
+        """Reinforcement learning on the reward, in as many lanes as there are labels."""
+        shards = shards_for(len(labels), self.config.num_envs)
+        return make_rl(self.target.env, self.config, self.function, shards)
 
     def params(self, count: int) -> PyTree:
         """The parameters of the rewards, `count` times one after another; () for the true reward."""
@@ -348,8 +353,9 @@ def retrain(folder: RunFolder, title: str, training: Training) -> tuple[Algorith
       The algorithm and the final states `[restarts * rewards, ...]`. The curves are in the folder's metrics; those of
       the trials are in the metrics of `trials_folder`.
     """
-    recipe, algorithm, start = training.target.recipe, training.algorithm, None
+    recipe, start = training.target.recipe, None
     labels = training.restarts(recipe.restarts)
+    algorithm = training.algorithm(labels)
     if recipe.trials:
         start = Start(recipe.trial_iterations, lambda: best_trials(folder, f"{title}, trials", training))
         rest = recipe.config.iterations - recipe.trial_iterations
@@ -370,7 +376,7 @@ def best_trials(folder: RunFolder, title: str, training: Training) -> PyTree:
     config = dataclasses.replace(recipe.config, iterations=recipe.trial_iterations)
     short = dataclasses.replace(recipe, config=config, snapshot_every=recipe.trial_iterations)
     # The algorithm has the whole number of iterations: a trial is the first part of a training.
-    lanes = training.lanes(training.algorithm, training.phase, labels)
+    lanes = training.lanes(training.algorithm(labels), training.phase, labels)
     start = Start(0, lambda: _first_policies(inner, training, lanes.take(lanes.init())))
     inner.drop(folder.dropped())
     state = train(inner, title, lanes, short, labels, start=start)

@@ -61,7 +61,7 @@ def test_an_end_is_paid_for_all_absorbing_steps_and_the_temperature_for_none(toy
     """The reward is 1 there, so an endless stay is worth 1 / (1 - 0.99); `-temperature log pi` is added elsewhere."""
     make = rl.make_optimizer
 
-    def recording(env, config):
+    def recording(env, config, _shards):
         def update(_key, policy, batch, *_more):
             return policy, {"reward": batch.reward, "log_prob": batch.log_prob, "absorbed": batch.obs[..., -1],
                             "terminated": batch.terminated}  # fmt: skip

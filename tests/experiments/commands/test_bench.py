@@ -23,7 +23,8 @@ def test_bench_measures_methods_in_turns(tmp_path, tiny, monkeypatch, capsys, ru
     assert simulation["mjx_over_c"] == pytest.approx(ratio)
     assert f"MJX over C {ratio:.2f}" in printed
     assert list(rows) == [f"{method}-sa" for method in methods]
-    stages = {"simulation alone", "rollout", "discriminator", "policy", "iteration", "iteration, five seeds"}
+    whole = {"iteration", "iteration, five seeds", "iteration, all devices"}
+    stages = {"simulation alone", "rollout", "discriminator", "policy"} | whole
     for name, row in rows.items():
         assert row["env_steps_per_iteration"] == 40
         ms = row["milliseconds"]
@@ -32,7 +33,9 @@ def test_bench_measures_methods_in_turns(tmp_path, tiny, monkeypatch, capsys, ru
         assert row["iteration_over_simulation"] == pytest.approx(ms["simulation alone"] / ms["iteration"])
         assert row["five_seeds_over_one"] == pytest.approx(ms["iteration, five seeds"] / ms["iteration"])
         assert row["iteration_steps_per_second"] == pytest.approx(40 / (1e-3 * ms["iteration"]))
-        assert set(row["compile_seconds"]) == {"1", "5"}
+        assert row["speedup_of_all_devices"] == pytest.approx(ms["iteration"] / ms["iteration, all devices"])
+        assert f"{row['speedup_of_all_devices']:.2f} x the speed of one device" in printed
+        assert set(row["compile_seconds"]) == whole
         assert printed.count(name) >= len(methods), "a table of its own and a row beside the others"
     if len(methods) == 1:
         return
