@@ -16,7 +16,9 @@ from __future__ import annotations
 
 import argparse
 import collections
+import contextlib
 import dataclasses
+import importlib.util
 import json
 import os
 import pickle
@@ -24,6 +26,7 @@ import random
 import select
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -60,6 +63,10 @@ COMMANDS = {
     "more-seeds": ("imitate", "pendulum", "--seeds", "1", "--out", RUN, "--more-seeds", "1", "--set", *TINY),
     "expert": ("expert", "pendulum", "--seeds", "2", "--out", RUN, "--set", *TINY_POLICY),
     "sweep": ("sweep", "pendulum", "--seeds", "1", "--out", RUN, "--set", *TINY, "lambda_i=0,0.1"),
+    "search": (
+        *("search", "pendulum", "--seeds", "1", "--trials", "4", "--generation", "2", "--out", RUN),
+        *("--set", *TINY, "lambda_i=log:1e-3..1"),
+    ),
     "transfer-last": (*TRANSFER, *TINY_POLICY, *TRIALS, "--rule", "last"),
     "transfer-source_retrain": (*TRANSFER, *TINY_POLICY, "trials=0", "--restarts", "2", "--rule", "source_retrain"),
     "transfer-policy": (*TRANSFER, *TINY_POLICY, "trials=0", "--rule", "policy"),
@@ -195,6 +202,8 @@ def content(run: Path) -> dict[str, Any]:
         if path.suffix == ".npz":
             with np.load(path) as arrays:
                 held |= {f"{name}: {each}": arrays[each] for each in arrays.files}
+        elif path.suffix == ".db":
+            held[name] = trials(path)
         elif path.suffix == ".json":
             held[name] = "" if name.endswith("seconds.json") else without_times(json.loads(path.read_text()))
         else:
@@ -204,6 +213,17 @@ def content(run: Path) -> dict[str, Any]:
         held[f"{name}: iterations"] = sorted(path.name for path in folder.iterdir())
         held |= {f"{name}: {leaf}": array for leaf, array in last_state(folder).items()}
     return held
+
+
+def trials(database: Path) -> list[tuple]:
+    """The trials of a search without their times: number, state, settings and score."""
+    query = """
+        SELECT number, state, param_name, param_value, value FROM trials
+        LEFT JOIN trial_params USING (trial_id) LEFT JOIN trial_values USING (trial_id)
+        ORDER BY number, param_name
+    """
+    with contextlib.closing(sqlite3.connect(database)) as connection:
+        return connection.execute(query).fetchall()
 
 
 def without_times(value: Any) -> Any:
@@ -428,10 +448,15 @@ def show(records: dict[str, Record]) -> None:
             print(f"    {fault}")
 
 
+def possible() -> list[str]:
+    """The commands whose packages are installed: a search needs Optuna."""
+    return [name for name in COMMANDS if name != "search" or importlib.util.find_spec("optuna")]
+
+
 def main() -> int:
     """The exit code: 0 if all is equal."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--commands", nargs="+", choices=COMMANDS, default=list(COMMANDS), metavar="NAME")
+    parser.add_argument("--commands", nargs="+", choices=COMMANDS, default=possible(), metavar="NAME")
     parser.add_argument("--kills", type=int, default=20, help="of each command at moments, and as many at file events")
     parser.add_argument("--seed", type=int, default=0, help="of the moments and events")
     parser.add_argument("--work", type=Path, help="folder to keep, and to go on with; default: one that is removed")
