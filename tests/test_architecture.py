@@ -1,6 +1,7 @@
 """Imports run in one direction, files hold no function that is too long, and tests stand where their module stands."""
 
 import ast
+import runpy
 from pathlib import Path
 
 import pytest
@@ -148,3 +149,11 @@ def test_every_module_that_holds_logic_has_a_test_file():
 
 # Files of data, and of shapes that the tests of their users cover: each with its reason.
 WITHOUT_A_TEST_FILE: set[str] = set()
+
+
+def test_every_planted_bug_fits_the_files_and_the_tests(monkeypatch):
+    """A bug that no longer fits would be noticed by `make test-mutants` alone, which takes an hour."""
+    monkeypatch.syspath_prepend(ROOT / "tests" / "mutants")
+    planted = runpy.run_path(str(ROOT / "tests" / "mutants" / "run.py"), run_name="mutants")
+    assert len(planted["BUGS"]) > 100
+    planted["refuse_stale"](planted["BUGS"])

@@ -40,8 +40,15 @@ def stale(bug: Bug) -> str:
     found = path.read_text(encoding="utf-8").count(bug.right)
     if found != 1:
         return f"{bug.file} holds {found} times, not once: {bug.right!r}"
-    missing = [test for test in bug.tests if not (ROOT / "tests" / test.partition("::")[0]).is_file()]
+    missing = [test for test in bug.tests if not exists(test)]
     return f"no tests {', '.join(missing)}" if missing else ""
+
+
+def exists(test: str) -> bool:
+    """Whether there is a test, or a file of tests, as pytest names it below `tests/`."""
+    file, _, name = test.partition("::")
+    path = ROOT / "tests" / file
+    return path.is_file() and f"def {name.partition('[')[0]}" in path.read_text(encoding="utf-8")
 
 
 def refuse_stale(bugs: Sequence[Bug]) -> None:
