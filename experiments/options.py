@@ -428,6 +428,7 @@ class Reproduce:
     """Train a small version in minutes, by the same code: two seeds, 20 iterations, pendulum and mazes."""
     seeds: Seeds = 5
     task: Annotated[tuple[str, ...], explained(metavar="NAME", help="Only these (source) tasks.")] = ()
+    on_nan: OnNan = "stop"
     cluster: Cluster = None
     cluster_set: ClusterSet = ()
     program: Program = None

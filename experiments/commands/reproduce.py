@@ -16,7 +16,7 @@ from eairl_jax.experiments.display.plots import Dots
 from eairl_jax.experiments.options import Imitate, Reproduce, Transfer
 from eairl_jax.experiments.paper import figures, plan, published, results, reward_distance
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, FIGURES, FIRST_SEED, Planned, retrain_variant
-from eairl_jax.experiments.pipeline import cluster, stages
+from eairl_jax.experiments.pipeline import cluster, divergence, stages
 from eairl_jax.experiments.pipeline.diagnosis import FILE, Diagnosis, diagnose, played
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations, transfers
 from eairl_jax.experiments.pipeline.run import Result, learning_folder
@@ -39,7 +39,9 @@ def run(options: Reproduce, command_line: str) -> None:
     folder = options.results or (out if options.quick else results.FOLDER)
     # Everything is checked before anything is trained.
     experiments = {
-        planned: build(planned, seeds, options.quick) for planned_all in planned_of.values() for planned in planned_all
+        planned: build(planned, seeds, options.quick, options.on_nan)
+        for planned_all in planned_of.values()
+        for planned in planned_all
     }
     for table, planned_all in planned_of.items():
         refuse_other_results(folder / f"{table}.json", {p.identity: experiments[p] for p in planned_all})
@@ -97,14 +99,15 @@ def short(quick: bool) -> tuple[str, ...]:
     return (f"iterations={iterations}", f"snapshot_every={iterations}") if quick else ()
 
 
-def build(planned: Planned, seeds: int, quick: bool) -> Experiment:
-    """Checks a planned experiment and makes it ready to run."""
+def build(planned: Planned, seeds: int, quick: bool, on_nan: str = "stop") -> Experiment:
+    """Checks a planned experiment and makes it ready to run; `on_nan` is that of `Recipe`."""
     learning: dict[str, Any] = {
         "method": (planned.method,),
         "reward_form": (planned.form,),
         "tuned": planned.tuned,
         "seeds": seeds,
         "first_seed": FIRST_SEED,
+        "on_nan": on_nan,
         "set": (*planned.settings, *short(quick)),
     }
     if planned.target is None:
@@ -124,7 +127,7 @@ def refuse_other_results(path: Path, experiments: dict[tuple, Experiment]) -> No
         experiment = experiments.get(result.identity)
         if experiment is None:
             continue
-        if result.seeds != list(experiment.seeds):
+        if result.count != len(experiment.seeds) or not result.has(experiment.seeds):
             there, here = (f"seeds {seeds[0]} to {seeds[-1]}" for seeds in (result.seeds, experiment.seeds))
         elif _digest(result.settings, result.retrain_settings) != _digest(*_settings(experiment)):
             there, here = "other settings", "these settings"
@@ -208,8 +211,9 @@ def scores_of(table: str, loaded: list[Result], tasks: tuple[str, ...]) -> Score
         for result in group:
             figure = published.figure(paper, target or task, result.method) if result.is_published else None
             name = f"{result.name}, {result.rule}" if target else result.name
-            lines.append(Line(name, np.array(result.returns), figure, result.normalized))
-        scores[f"{table}: {results.pair(group[0])}, {len(group[0].seeds)} seeds"] = lines
+            note = divergence.note(result.dropped, result.count)
+            lines.append(Line(name, np.array(result.returns), figure, result.normalized, note))
+        scores[f"{table}: {results.pair(group[0])}, {group[0].count} seeds"] = lines
     return scores
 
 

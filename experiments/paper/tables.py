@@ -62,6 +62,8 @@ def cell(result: Result | None, figures: published.Table) -> Cell:
         return Cell()
     task = result.target or result.task
     ours = mean_and_std(result.mean, result.std)
+    if result.dropped:
+        ours += f", {len(result.seeds)} of {result.count} seeds"
     figure = published.figure(figures, task, result.method) if result.is_published else None
     expert = published.figure(figures, task, "expert")
     if figure is None or expert is None:

@@ -25,7 +25,7 @@ EVALUATION = "the evaluation"
 """In `dropped.json`, the training of a policy that is dropped because it has no finite return or reward."""
 ADVICE = (
     "Try a lower learning rate (--set policy_lr=..., discriminator_lr=...) in a new --out; or give the same command "
-    "(imitate, expert, sweep, transfer) with --on-nan skip, to go on without that seed"
+    "(imitate, expert, sweep, transfer, reproduce) with --on-nan skip, to go on without that seed"
 )
 
 

@@ -132,6 +132,11 @@ class Result:
         """Each seed's normalised return `[seeds]`; None if the expert's return is unknown."""
         return self.reference.normalized(np.array(self.returns))
 
+    @property
+    def count(self) -> int:
+        """How many seeds were trained; a dropped one counts."""
+        return len({*self.seeds, *(each["seed"] for each in self.dropped)})
+
     def has(self, seeds: range) -> bool:
         """Whether the result holds all these seeds, as returns or as dropped ones."""
         return set(seeds) <= {*self.seeds, *(each["seed"] for each in self.dropped)}

@@ -6,8 +6,9 @@ import re
 import numpy as np
 import pytest
 
+from eairl_jax import Lanes
 from eairl_jax.experiments.commands import reproduce
-from eairl_jax.experiments.paper import plan, results
+from eairl_jax.experiments.paper import plan, results, tables
 from eairl_jax.experiments.paper.plan import Planned
 
 
@@ -47,6 +48,33 @@ def test_reproduce_trains_what_is_missing(tmp_path, tiny, monkeypatch, capsys, r
     monkeypatch.setattr(reproduce, "short", lambda quick: (*of_cloning, "policy_lr=0.5"))
     assert run(*arguments) == 2
     assert "holds bc of point_maze_left with other settings" in capsys.readouterr().err
+
+
+def test_a_seed_that_diverges_stops_the_tables_or_is_dropped(tmp_path, tiny, monkeypatch, capsys, run):
+    _plan(monkeypatch, {"table2": [Planned("pendulum", "bc")]})
+    of_cloning = tuple(a for a in tiny if not a.startswith(("history", "empowerment", "hidden")))
+    monkeypatch.setattr(reproduce, "short", lambda quick: of_cloning)
+    run_lanes = Lanes.run
+
+    def poisoned(self, state, length, check=True):
+        state, metrics = run_lanes(self, state, length, check)
+        name = next(name for name in metrics if name != "true_return")
+        metrics[name] = np.where([[False], [True]], np.nan, metrics[name])
+        return state, metrics
+
+    monkeypatch.setattr(Lanes, "run", poisoned)
+    arguments = ["reproduce", "table2", "--quick", "--out", tmp_path]
+    assert run(*arguments) == 1
+    assert "(imitate, expert, sweep, transfer, reproduce) with --on-nan skip" in capsys.readouterr().err
+    assert run(*arguments, "--on-nan", "skip") == 0
+    assert "bc: mean of 1 of 2 seeds; dropped: seed 21" in " ".join(capsys.readouterr().out.split())
+    (row,) = results.load(tmp_path / "table2.json")
+    assert (row.seeds, row.count, len(row.returns)) == ([20], 2, 1)
+    (table,) = tables.tables([row], {})
+    assert next(cells for name, cells in table.lines if name == "behaviour cloning")[0].ours.endswith(", 1 of 2 seeds")
+    # The dropped seed counts as trained.
+    monkeypatch.setattr(Lanes, "run", lambda *_: pytest.fail("trained again"))
+    assert run(*arguments) == 0
 
 
 @pytest.mark.slow
