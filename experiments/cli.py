@@ -39,7 +39,21 @@ WITHOUT_JAX = frozenset({"runs", "watch"})
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point of `eairl`. Bad input exits with code 2, a failed training with 1, an interruption with 130."""
+    """Entry point of `eairl`. Bad input exits with code 2, a failed training with 1, an interruption with 130.
+
+    If whoever reads the output is gone (`eairl runs | head`), the command ends silently with 1, as with rich.
+    """
+    try:
+        try:
+            _main(arguments)
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more when it ends
+        sys.exit(1)
+
+
+def _main(arguments: list[str] | None) -> None:
     print_anything()
     arguments = sys.argv[1:] if arguments is None else arguments
     if arguments == ["--version"]:
@@ -65,6 +79,8 @@ def main(arguments: list[str] | None = None) -> None:
                 command.run(options, shlex.join(["eairl", *arguments]))
     except InputError as e:
         _exit(str(e), 2)
+    except BrokenPipeError:
+        raise
     except OSError as e:
         is_full = e.errno in (errno.ENOSPC, errno.EDQUOT)
         cure = "free some disk" if is_full else "put this right"

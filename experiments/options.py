@@ -569,6 +569,9 @@ class Diagnose:
         tuple[Path, ...],
         explained(metavar="RUN", help="Other finished runs in the same target, whose policies are judged too."),
     ] = ()
+    out: Annotated[
+        Path | None, explained(metavar="DIR", help="Folder of the diagnosis and its figure. Default: the run's.")
+    ] = None
 
 
 @dataclass(frozen=True)

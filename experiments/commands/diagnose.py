@@ -18,16 +18,19 @@ from eairl_jax.experiments.pipeline.run_folder import RunFolder
 def run(options: Diagnose, command_line: str) -> None:
     """Prints a line for each behaviour and the verdict on each seed, and draws them."""
     del command_line
-    path = options.run_folder
+    path, out = options.run_folder, options.out or options.run_folder
     settings = policies.finished_settings(path)
     target, others = restored_target(settings, path), [played(other) for other in options.policies]
-    diagnosis = diagnose(path, target, others)
+    diagnosis = diagnose(path, target, others, out)
     kept = divergence.kept_seeds(RunFolder(path, settings))
     _print(path.name, [settings["seeds"][lane] for lane in kept], diagnosis)
     drawn = {name: (diagnosis.share_of(name), each.true) for name, each in diagnosis.behaviours.items()}
-    plot_diagnosis(path / "diagnosis.png", path.name, drawn, diagnosis.reference.expert)
-    run_page.write(path)
-    say(f"every figure: {path / FILE}; as a picture: {path / 'diagnosis.png'}, also in {path / run_page.PAGE}")
+    plot_diagnosis(out / "diagnosis.png", path.name, drawn, diagnosis.reference.expert)
+    on_page = ""
+    if out == path:
+        run_page.write(path)
+        on_page = f", also in {path / run_page.PAGE}"
+    say(f"every figure: {out / FILE}; as a picture: {out / 'diagnosis.png'}{on_page}")
 
 
 def _print(title: str, seeds: list[int], diagnosis: Diagnosis) -> None:

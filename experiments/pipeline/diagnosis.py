@@ -180,13 +180,14 @@ def played(path: Path) -> Played:
     return Played(path.name, trained.task, *jax.tree.map(np.asarray, play(*lanes)))
 
 
-def diagnose(path: Path, target: Target, others: Sequence[Played] = ()) -> Diagnosis:
-    """Judges behaviours by the rewards of a finished transfer, and writes `FILE` into its folder.
+def diagnose(path: Path, target: Target, others: Sequence[Played] = (), out: Path | None = None) -> Diagnosis:
+    """Judges behaviours by the rewards of a finished transfer, and writes `FILE`.
 
     Args:
       path: the folder of the transfer.
       target: where and how its policies were trained.
       others: other finished runs in the same target, whose policies are judged too.
+      out: the folder to write into; by default, that of the transfer.
 
     Raises:
       InputError: if the folder holds no finished transfer, if the target has no demonstrations, or if the policies of
@@ -205,7 +206,7 @@ def diagnose(path: Path, target: Target, others: Sequence[Played] = ()) -> Diagn
             raise InputError(
                 f"{other.name}: its policies act in {other.task}, not in {target.task}: give runs of one task"
             )
-    target = measured(target)
+    target, out = measured(target), out or path
     trained = policies.load(path)
     user_networks.register(trained.settings.get("config", {}).get("net"))
     reward = load_reward(path / "reward")
@@ -215,14 +216,14 @@ def diagnose(path: Path, target: Target, others: Sequence[Played] = ()) -> Diagn
     random = random_steps(target.env, JUDGED_EPISODES)
     behaviours = {
         TRAINED: Behaviour(worth(RunFolder(path, trained.settings)).kept, np.array(scored)),
-        FROM_EXPERT: _from_expert(RunFolder(path / "from_expert", {"part": "from the expert"}), training),
+        FROM_EXPERT: _from_expert(RunFolder(out / "from_expert", {"part": "from the expert"}), training),
         EXPERT: _of_steps(training, expert_steps(training), expert_return),
         BEST_PLAN: _best_plan(training),
         **{f"policies of {other.name}": _of_policies(training, other) for other in others},
         RANDOM: _of_steps(training, random, target.reference.random),
     }
     diagnosis = Diagnosis(behaviours, target.reference)
-    write_json(path / FILE, diagnosis.to_json())
+    write_json(out / FILE, diagnosis.to_json())
     return diagnosis
 
 

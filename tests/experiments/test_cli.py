@@ -182,6 +182,20 @@ def test_a_process_runs_nothing_of_the_current_folder_and_prints_on_any_terminal
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.skipif(os.name != "posix", reason="pipes end otherwise there")
+@pytest.mark.parametrize("arguments", [["imitate", "--help"], ["settings"], ["runs", "."], ["--version"]])
+def test_a_reader_that_is_gone_ends_a_command_without_a_traceback(arguments, tmp_path):
+    read, write = os.pipe()
+    os.close(read)
+    program = f"from eairl_jax.experiments import cli; cli.main({arguments})"
+    with os.fdopen(write, "wb") as gone:
+        done = subprocess.run(
+            [sys.executable, "-c", program], cwd=tmp_path, stdout=gone, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert done.stderr == ""
+    assert done.returncode == 1
+
+
 def test_help_is_whole_on_any_terminal(tmp_path):
     program = "from eairl_jax.experiments import cli; cli.main(['--help'])"
     for optimised in ([], ["-OO"]):

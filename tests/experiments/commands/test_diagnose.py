@@ -15,7 +15,7 @@ def transferred(finished, tiny, tmp_path, run, retrain_settings):
     return folder
 
 
-def test_a_transfer_is_judged_beside_other_behaviours(transferred, run, table, capsys):
+def test_a_transfer_is_judged_beside_other_behaviours(transferred, run, table, capsys, tmp_path):
     capsys.readouterr()
     assert run("diagnose", transferred, "--policies", transferred) == 0
     printed = table(capsys)
@@ -34,6 +34,13 @@ def test_a_transfer_is_judged_beside_other_behaviours(transferred, run, table, c
     assert (transferred / "diagnosis.png").stat().st_size > 10_000
     assert "What the learned reward is worth" in (transferred / "index.html").read_text()
     assert max(content["share"]) <= 1.0
+    # A run that cannot be written is diagnosed elsewhere, and only read.
+    before = {path: path.stat().st_mtime_ns for path in transferred.rglob("*")}
+    elsewhere = tmp_path / "elsewhere"
+    assert run("diagnose", transferred, "--policies", transferred, "--out", elsewhere) == 0
+    assert json.loads((elsewhere / "diagnosis.json").read_text()) == content
+    assert (elsewhere / "diagnosis.png").is_file()
+    assert {path: path.stat().st_mtime_ns for path in transferred.rglob("*")} == before
 
 
 def test_what_is_no_transfer_is_refused(finished, run, capsys):
