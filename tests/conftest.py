@@ -11,6 +11,8 @@ from pathlib import Path
 
 # Before any backend starts: with two virtual CPU devices and fewer threads than that, XLA waits for itself for ever.
 os.environ.setdefault("NPROC", "4")
+# And in a variable, which the commands respect however many cores there are.
+os.environ.setdefault("JAX_NUM_CPU_DEVICES", "2")
 # XLA's older way to compile a fusion takes a third of the time, and compiling is what most tests spend their time on.
 # Newer versions have no such way, and abort at a flag that they do not know.
 OLD_FUSION = " --xla_cpu_use_fusion_emitters=false" if version("jaxlib").startswith("0.10.") else ""
@@ -21,7 +23,6 @@ import jax
 
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "eairl_jax"
 os.environ.setdefault("HYPOTHESIS_STORAGE_DIRECTORY", str(CACHE / "hypothesis"))
-jax.config.update("jax_num_cpu_devices", 2)
 jax.config.update("jax_compilation_cache_dir", str(CACHE))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 # The tests' programs run for milliseconds: compile them fast, not well.

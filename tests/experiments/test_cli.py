@@ -188,9 +188,16 @@ def test_a_reader_that_is_gone_ends_a_command_without_a_traceback(arguments, tmp
     read, write = os.pipe()
     os.close(read)
     program = f"from eairl_jax.experiments import cli; cli.main({arguments})"
+    environment = {name: value for name, value in os.environ.items() if name not in ("NPROC", "JAX_NUM_CPU_DEVICES")}
     with os.fdopen(write, "wb") as gone:
         done = subprocess.run(
-            [sys.executable, "-c", program], cwd=tmp_path, stdout=gone, stderr=subprocess.PIPE, text=True, check=False
+            [sys.executable, "-c", program],
+            cwd=tmp_path,
+            env=environment,
+            stdout=gone,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
         )
     assert done.stderr == ""
     assert done.returncode == 1
