@@ -12,11 +12,15 @@ No function here imports jax before it has set the environment variables that ja
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import json
 import os
+import subprocess
+import sys
 import time
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +33,20 @@ if TYPE_CHECKING:
 ZSTANDARD = b"\x28\xb5\x2f\xfd"
 """The first bytes of what Zstandard compresses."""
 DEVICE_COUNT_FLAG = "--xla_force_host_platform_device_count"
+OUR_FLAGS = (
+    # One thread for each device: the devices already use every core.
+    "--xla_cpu_multi_thread_eigen=false",
+    # The concurrency-optimised scheduler moves the small kernels of a loop from core to core.
+    "--xla_cpu_enable_concurrency_optimized_scheduler=false",
+    # A loop becomes one kernel if nothing in the loop needs XLA's runtime. XLA's YNN library needs the runtime, hence
+    # the empty value of the last flag. The simulation of a walker becomes 1.6 to 2.6 times faster. Compiling the ant
+    # takes a minute.
+    "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000",
+    "--xla_cpu_experimental_ynn_fusion_type=",
+)
+"""What XLA is told on CPUs, as far as the installed jaxlib knows it."""
+KNOWN_FLAGS = "xla-flags.json"
+"""The file in the cache that holds the answer of `known_flags`."""
 
 
 def configure_jax() -> None:
@@ -44,7 +62,8 @@ def configure_jax() -> None:
     """
     user_flags, cores = os.environ.get("XLA_FLAGS", ""), usable_cores()
     devices, threads = cpu_devices(os.environ, cores)
-    os.environ["XLA_FLAGS"] = xla_flags(user_flags, version("jaxlib"))
+    cache = compilation_cache(os.environ)
+    os.environ["XLA_FLAGS"] = xla_flags(user_flags, known_flags(OUR_FLAGS, cache))
     for name in ("NPROC", "JAX_NUM_CPU_DEVICES"):
         if not os.environ.get(name, "unset").strip():
             del os.environ[name]  # jax cannot read an empty number
@@ -52,7 +71,6 @@ def configure_jax() -> None:
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
     import jax
 
-    cache = compilation_cache(os.environ)
     settings = {
         "jax_num_cpu_devices": None if DEVICE_COUNT_FLAG in flag_names(user_flags) else devices,
         "jax_compilation_cache_dir": cache if can_be_made(cache) else None,
@@ -81,27 +99,52 @@ def flag_names(flags: str) -> set[str]:
     return {flag.partition("=")[0] for flag in flags.split()}
 
 
-def xla_flags(user_flags: str, jaxlib_version: str) -> str:
+def xla_flags(user_flags: str, flags: Iterable[str]) -> str:
     """The value of `XLA_FLAGS`: the user's flags first, then those of ours that the user has not set.
 
     Args:
       user_flags: the value that the user has set, or "".
-      jaxlib_version: for example "0.10.2". XLA aborts at a flag that it does not know, and some flags are new.
+      flags: ours, `known_flags`.
     """
-    # One thread for each device: the devices already use every core.
-    flags = ["--xla_cpu_multi_thread_eigen=false"]
-    if jaxlib_version.startswith("0.10."):
-        flags += [
-            # The concurrency-optimised scheduler moves the small kernels of a loop from core to core.
-            "--xla_cpu_enable_concurrency_optimized_scheduler=false",
-            # A loop becomes one kernel if nothing in the loop needs XLA's runtime. XLA's YNN library needs the
-            # runtime, hence the empty value of the last flag. The simulation of a walker becomes 1.6 to 2.6 times
-            # faster. Compiling the ant takes a minute.
-            "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000",
-            "--xla_cpu_experimental_ynn_fusion_type=",
-        ]
     ours = [flag for flag in flags if not flag_names(flag) & flag_names(user_flags)]
     return " ".join([*user_flags.split(), *ours])
+
+
+def known_flags(flags: Sequence[str] = OUR_FLAGS, cache: str | None = None) -> list[str]:
+    """Those of the flags that the installed jaxlib knows. XLA aborts at a flag that it does not know.
+
+    So a process of its own is asked, which takes a fifth of a second. Its answer is kept in the cache.
+
+    Args:
+      cache: folder of the answers, or None.
+    """
+    kept = Path(cache) / KNOWN_FLAGS if cache else None
+    asked = {"jaxlib": version("jaxlib"), "flags": list(flags)}
+    if kept:
+        with contextlib.suppress(OSError, ValueError):
+            answer = json.loads(kept.read_text(encoding="utf-8"))
+            is_answer = isinstance(answer, dict) and {name: answer.get(name) for name in asked} == asked
+            if is_answer and isinstance(answer.get("known"), list):
+                return [flag for flag in flags if flag in answer["known"]]
+    known = list(flags) if _knows(flags) else [flag for flag in flags if _knows([flag])]
+    if kept:
+        with contextlib.suppress(OSError):
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            kept.write_text(json.dumps(asked | {"known": known}), encoding="utf-8")
+    return known
+
+
+def _knows(flags: Sequence[str]) -> bool:
+    """Whether the installed jaxlib knows all these flags."""
+    program = "from jaxlib import xla_client; xla_client.CompileOptions()"  # reads the flags
+    environment = os.environ | {"XLA_FLAGS": " ".join(flags), "PYTHONPATH": os.pathsep.join(sys.path)}
+    try:
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", program], env=environment, capture_output=True, timeout=60, check=False
+        )
+    except (OSError, subprocess.SubprocessError):
+        return False
+    return done.returncode == 0
 
 
 def cpu_devices(environ: Mapping[str, str], cores: int) -> tuple[int, int]:
@@ -159,7 +202,7 @@ def costs(environ: Mapping[str, str], cores: int) -> list[str]:
         name = next((n for n in ("JAX_NUM_CPU_DEVICES", "NPROC") if environ.get(n)), "")
         name = DEVICE_COUNT_FLAG if _flag_devices(flags) else name
         found.append(f"{name} leaves {devices} of {cores} cores for seeds that run side by side")
-    ours = {flag.partition("=")[0]: flag for flag in xla_flags("", version("jaxlib")).split()}
+    ours = {flag.partition("=")[0]: flag for flag in OUR_FLAGS}
     changed = [flag for flag in flags.split() if ours.get(flag.partition("=")[0], flag) != flag]
     if changed:
         found.append(f"XLA_FLAGS has {' '.join(changed)}: runs may be slower than with the setting of eairl_jax")

@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import functools
 import os
-from importlib.metadata import version
 from pathlib import Path
+
+from eairl_jax.xla import known_flags
 
 # Before any backend starts: with two virtual CPU devices and fewer threads than that, XLA waits for itself for ever.
 os.environ.setdefault("NPROC", "4")
@@ -15,13 +16,13 @@ os.environ.setdefault("NPROC", "4")
 os.environ.setdefault("JAX_NUM_CPU_DEVICES", "2")
 # XLA's older way to compile a fusion takes a third of the time, and compiling is what most tests spend their time on.
 # Newer versions have no such way, and abort at a flag that they do not know.
-OLD_FUSION = " --xla_cpu_use_fusion_emitters=false" if version("jaxlib").startswith("0.10.") else ""
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false" + OLD_FUSION)
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "eairl_jax"
+FLAGS = ("--xla_cpu_multi_thread_eigen=false", "--xla_cpu_use_fusion_emitters=false")
+os.environ.setdefault("XLA_FLAGS", " ".join(known_flags(FLAGS, str(CACHE / "tests"))))
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import jax
 
-CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "eairl_jax"
 os.environ.setdefault("HYPOTHESIS_STORAGE_DIRECTORY", str(CACHE / "hypothesis"))
 jax.config.update("jax_compilation_cache_dir", str(CACHE))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)

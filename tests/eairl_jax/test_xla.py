@@ -17,24 +17,52 @@ ROOT = Path(__file__).resolve().parents[2]
 LOOPS = "--xla_cpu_experimental_ynn_fusion_type="
 
 
-def test_without_flags_of_the_user_ours_are_set():
-    flags = xla.xla_flags("", "0.10.2").split()
-    assert flags[0] == "--xla_cpu_multi_thread_eigen=false"
-    assert len(flags) == 4
-
-
 def test_the_users_flags_come_first_and_win():
     user = "--xla_dump_to=/tmp/x --xla_cpu_multi_thread_eigen=true"
-    flags = xla.xla_flags(user, "0.10.2")
+    flags = xla.xla_flags(user, xla.OUR_FLAGS)
     assert flags.startswith(user + " ")
     assert flags.count("xla_cpu_multi_thread_eigen") == 1
     assert LOOPS in flags.split()
-    assert xla.xla_flags(flags, "0.10.2") == flags
+    assert xla.xla_flags(flags, xla.OUR_FLAGS) == flags
+    assert xla.xla_flags("", xla.OUR_FLAGS) == " ".join(xla.OUR_FLAGS)
 
 
-@pytest.mark.parametrize("version", ["0.9.1", "0.11.0", "1.0.0"])
-def test_another_jaxlib_gets_no_flag_that_it_may_not_know(version):
-    assert xla.xla_flags("--a=1", version) == "--a=1 --xla_cpu_multi_thread_eigen=false"
+def test_jaxlib_is_asked_which_flags_it_knows(tmp_path):
+    """All of ours, in every version so far; one that it does not know would abort the process."""
+    assert xla.known_flags() == list(xla.OUR_FLAGS)
+    assert xla.known_flags([*xla.OUR_FLAGS, "--xla_no_such_flag=1"], str(tmp_path)) == list(xla.OUR_FLAGS)
+    assert xla.known_flags(["--xla_no_such_flag=1"]) == []
+
+
+def test_the_answer_is_kept_for_this_version_and_these_flags(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(xla, "_knows", lambda flags: asked.append(list(flags)) or flags == ["--a=1"])
+    flags, cache = ["--a=1", "--b=2"], tmp_path / "new"
+    for _ in range(2):
+        assert xla.known_flags(flags, str(cache)) == ["--a=1"]
+    assert asked == [flags, ["--a=1"], ["--b=2"]]
+    assert xla.known_flags(["--a=1"], str(cache)) == ["--a=1"]
+    assert len(asked) == 4
+    monkeypatch.setattr(xla, "version", lambda _: "99.0")
+    assert xla.known_flags(["--a=1"], str(cache)) == ["--a=1"]
+    assert len(asked) == 5
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}", "null", "\xff", '{"known": 3}'])
+def test_a_damaged_answer_is_asked_for_again(tmp_path, monkeypatch, content):
+    monkeypatch.setattr(xla, "_knows", lambda flags: True)
+    (tmp_path / xla.KNOWN_FLAGS).write_text(content, encoding="latin-1")
+    assert xla.known_flags(["--a=1"], str(tmp_path)) == ["--a=1"]
+    (tmp_path / "file").write_text("")
+    assert xla.known_flags(["--a=1"], str(tmp_path / "file")) == ["--a=1"]  # no folder can be made there
+
+
+def test_without_a_process_to_ask_no_flag_is_known(monkeypatch):
+    def no_process(*_, **__):
+        raise OSError
+
+    monkeypatch.setattr(xla.subprocess, "run", no_process)
+    assert xla.known_flags(["--a=1"]) == []
 
 
 @pytest.mark.parametrize(
@@ -159,7 +187,7 @@ def test_a_process_takes_the_users_settings_and_ours_for_the_rest(tmp_path):
     )
     devices, threads, cache, least, *flags = result.stdout.split()
     assert (devices, threads, cache, least) == ("3", "7", str(tmp_path), "0.2")
-    assert flags == xla.xla_flags("--xla_cpu_multi_thread_eigen=true", jax.lib.__version__).split()
+    assert flags == xla.xla_flags("--xla_cpu_multi_thread_eigen=true", xla.OUR_FLAGS).split()
 
 
 @pytest.mark.parametrize("number", [0.0, -2.5, np.inf])
