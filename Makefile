@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 STAMP = $(VENV)/.installed
+# Exact versions. Those for Python 3.12 and newer hold the newest jax, which needs such a Python.
+CONSTRAINTS := $(shell $(PYTHON) -c "import sys; print('constraints.txt' if sys.version_info < (3, 12) else 'constraints-3.12.txt')")
 
 EXTRAS = minari,hf,hdf5,wandb,search,cluster
 # jax2onnx asks for an older orbax-checkpoint than ours, so it has an environment of its own.
@@ -15,7 +17,7 @@ MUTANTS ?=
 PHYSICS ?=
 KILLS ?=
 
-.PHONY: help install demo test test-extras test-onnx onnx test-slow test-mutants test-physics test-repeats test-kill lint docs release bench data clean
+.PHONY: help install demo test test-extras test-onnx onnx test-newest test-slow test-mutants test-physics test-repeats test-kill lint docs release bench data clean
 
 help:
 	@echo "make demo       learn a reward in the left maze, use it in the right one (the main job)"
@@ -23,6 +25,7 @@ help:
 	@echo "make test-extras  the tests of Minari, HuggingFace, HDF5, W&B, Optuna and submitit, which it installs"
 	@echo "make onnx       an environment for eairl export --format onnx: $(ONNX_VENV)/bin/eairl"
 	@echo "make test-onnx  the tests of ONNX, in that environment"
+	@echo "make test-newest  the fast tests on another Python, python3.13, with the newest jax"
 	@echo "make test-slow  the tests that train to convergence"
 	@echo "make test-mutants  plants bugs, each of which a test must catch"
 	@echo "make test-physics  takes 10 million random steps in each task"
@@ -34,11 +37,11 @@ help:
 	@echo "make docs       the documentation site, in build/site"
 	@echo "make release    a wheel and an sdist in dist/, checked"
 
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml $(CONSTRAINTS)
 	@echo "== making a virtual environment in $(VENV)"
 	@$(PYTHON) -m venv $(VENV)
-	@echo "== installing eairl_jax and the exact versions of constraints.txt (about 0.7 GB; a minute or two)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[test]"
+	@echo "== installing eairl_jax and the exact versions of $(CONSTRAINTS) (about 0.7 GB; a minute or two)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint $(CONSTRAINTS) --editable ".[test]"
 	@touch $(STAMP)
 	@echo "== installed"
 
@@ -54,14 +57,14 @@ test: $(STAMP)
 
 test-extras: $(STAMP)
 	@echo "== installing the extras $(EXTRAS)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[test,$(EXTRAS)]"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint $(CONSTRAINTS) --editable ".[test,$(EXTRAS)]"
 	@echo "== the tests that need them"
 	@$(BIN)/python -m pytest -m extras -n 2 --dist loadfile
 
-$(ONNX_STAMP): pyproject.toml constraints.txt
+$(ONNX_STAMP): pyproject.toml $(CONSTRAINTS)
 	@echo "== making a virtual environment in $(ONNX_VENV)"
 	@$(PYTHON) -m venv $(ONNX_VENV)
-	@$(ONNX_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[test,onnx]"
+	@$(ONNX_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint $(CONSTRAINTS) --editable ".[test,onnx]"
 	@$(ONNX_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps jax2onnx==0.17.0
 	@touch $(ONNX_STAMP)
 	@echo "== installed"
@@ -71,6 +74,11 @@ onnx: $(ONNX_STAMP)
 test-onnx: $(ONNX_STAMP)
 	@echo "== the tests of ONNX"
 	@$(ONNX_VENV)/bin/python -m pytest -m onnx
+
+# For whoever has such a Python, e.g. make test-newest NEWEST=python3.14
+NEWEST ?= python3.13
+test-newest:
+	@$(MAKE) test PYTHON=$(NEWEST) VENV=$(VENV)-newest
 
 test-slow: $(STAMP)
 	@echo "== the tests that train to convergence"
@@ -101,21 +109,21 @@ data: $(STAMP)
 
 lint: $(STAMP)
 	@echo "== installing ruff and pyright"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint $(CONSTRAINTS) --editable ".[dev]"
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 docs: $(STAMP)
 	@echo "== installing the site's builder"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[docs]"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint $(CONSTRAINTS) --editable ".[docs]"
 	$(BIN)/python docs/generate.py
 	$(BIN)/zensical build --strict
 	@echo "== open build/site/index.html"
 
 release: $(STAMP)
 	@echo "== installing the tools of a release"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[release]"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint $(CONSTRAINTS) --editable ".[release]"
 	$(BIN)/python tools/release.py
 
 clean:

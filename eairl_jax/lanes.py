@@ -18,7 +18,7 @@ from eairl_jax.errors import Diverged, InputError
 from eairl_jax.hparams import check_hparams
 from eairl_jax.schema import shown
 from eairl_jax.types import Algorithm, HParams, Key, Metrics, PyTree
-from eairl_jax.xla import refuse_double_precision
+from eairl_jax.xla import options_of_one_call, refuse_double_precision
 
 
 def scan(algorithm: Algorithm, state: PyTree, hparams: HParams, data: PyTree, length: int) -> tuple[PyTree, Metrics]:
@@ -94,7 +94,8 @@ class Lanes:
         self.data = (
             self.put(data) if data_per_lane else jax.device_put(data, NamedSharding(self._mesh, self._data_spec))
         )
-        self._init = jax.jit(self._spread(init, (self._lane_spec, self._lane_spec)))
+        spread = self._spread(init, (self._lane_spec, self._lane_spec))
+        self._init = jax.jit(spread, compiler_options=options_of_one_call())
         self._keys = self.put(keys)
 
     def with_hparams(self, hparams: HParams) -> Lanes:

@@ -88,7 +88,8 @@ def check_install(wheel: Path, folder: Path) -> None:
     binaries = folder / "venv" / "bin"
     subprocess.run([sys.executable, "-m", "venv", str(folder / "venv")], env=plain, check=True)
     install = [str(binaries / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    constraints = ["--constraint", str(ROOT / "constraints.txt")]
+    name = "constraints.txt" if sys.version_info < (3, 12) else "constraints-3.12.txt"
+    constraints = ["--constraint", str(ROOT / name)]
     subprocess.run([*install, *constraints, str(wheel)], env=plain, check=True)
     where = project(folder / "project")
     for extra in ({}, {"PYTHONPATH": "."}):

@@ -251,6 +251,8 @@ def prepare(path: Path) -> None:
 def locked(path: Path) -> Iterator[None]:
     """Keeps other processes from training in a folder: they would mix their metrics and checkpoints.
 
+    What a killed process has left of a file that it was writing (`storage.replacing`) is removed.
+
     Raises:
       InputError: if another process is training in the folder (with `WAITS` its end is waited for), or if the folder
         cannot be written.
@@ -258,6 +260,8 @@ def locked(path: Path) -> Iterator[None]:
     prepare(path)
     try:
         with filelock.FileLock(path / LOCK, timeout=-1 if WAITS.get() else 0):
+            for unfinished in path.glob("*.part"):
+                unfinished.unlink(missing_ok=True)
             yield
     except filelock.Timeout:
         raise InputError(

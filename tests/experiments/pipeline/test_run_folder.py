@@ -32,6 +32,17 @@ def test_a_folder_that_a_killed_process_was_about_to_claim_can_be_claimed(tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["config.json"]
 
 
+def test_what_a_killed_process_has_left_of_a_file_is_removed(tmp_path):
+    """A run that needs nothing more than its end does not write each of its files again."""
+    folder = RunFolder(tmp_path / "run", {"task": "t"})
+    folder.prepare()
+    folder.add_seconds(run_seconds=1.0)
+    (folder.path / "seconds.json.part").write_text("{")
+    with folder.locked():
+        assert folder.seconds()["run_seconds"] == 1.0
+        assert not list(folder.path.glob("*.part"))
+
+
 def test_whether_a_file_can_be_written_changes_none(tmp_path):
     (tmp_path / "empty").write_text("")
     (tmp_path / "full").write_text("kept")
