@@ -265,16 +265,25 @@ def _check_shards(count: int, devices: int, several_processes: bool) -> None:
         )
 
 
-def shards_for(lanes: int, num_envs: int) -> int:
-    """How many devices a lane can have (`shards` of `make_irl` and `make_rl`) if all devices of this process are used.
+SMALLEST_SHARD = {"cpu": 16}
+"""Environments that are worth a device of their own. On a GPU, 128 take as long as 16."""
+SMALLEST_SHARD_ELSEWHERE = 1024
 
-    One, unless there are at least twice as many devices as lanes. In several processes a lane has one device.
+
+def shards_for(lanes: int, num_envs: int) -> int:
+    """How many devices a lane should have: `shards` of `make_irl` and `make_rl`.
+
+    One, unless there are at least twice as many devices as lanes, and enough environments for several. In several
+    processes a lane has one device.
 
     Args:
       lanes: how many lanes there are.
       num_envs: environments of a lane; they are split evenly.
     """
-    return 1 if processes.current() else shards.fitting(num_envs, jax.local_device_count() // lanes)
+    if processes.current():
+        return 1
+    smallest = SMALLEST_SHARD.get(jax.default_backend(), SMALLEST_SHARD_ELSEWHERE)
+    return shards.fitting(num_envs, min(jax.local_device_count() // lanes, num_envs // smallest))
 
 
 def _check_rows(name: str, tree: PyTree, count: int) -> None:

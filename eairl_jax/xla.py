@@ -135,7 +135,7 @@ def known_flags(flags: Sequence[str] = OUR_FLAGS, cache: str | None = None) -> l
             if is_answer and isinstance(answer.get("known"), list):
                 return [flag for flag in flags if flag in answer["known"]]
     known = list(flags) if _knows(flags) else [flag for flag in flags if _knows([flag])]
-    if kept:
+    if kept and known:  # every version knows some: if none is known, the process could not be asked
         with contextlib.suppress(OSError):
             kept.parent.mkdir(parents=True, exist_ok=True)
             kept.write_text(json.dumps(asked | {"known": known}), encoding="utf-8")

@@ -106,11 +106,13 @@ def test_lanes_refuse_an_algorithm_that_needs_more_devices():
 def test_several_processes_have_one_device_a_lane(monkeypatch):
     algorithm = Algorithm(lambda key, _: {"x": jnp.zeros(())}, lambda s, h, d: (s, {}), lambda *_: None, shards=2)
     monkeypatch.setattr(processes, "current", lambda: object())
-    assert shards_for(1, 8) == 1
+    assert shards_for(1, 32) == 1
     with pytest.raises(InputError, match="lanes in several processes have one device each"):
         Lanes(algorithm, jax.random.split(jax.random.PRNGKey(0), 1), HParams())
 
 
-@pytest.mark.parametrize(("lanes", "num_envs", "expected"), [(1, 8, 2), (1, 7, 1), (2, 8, 1), (5, 8, 1)])
-def test_a_lane_gets_several_devices_only_if_they_would_be_idle(lanes, num_envs, expected):
+@pytest.mark.parametrize(
+    ("lanes", "num_envs", "expected"), [(1, 32, 2), (1, 33, 1), (2, 32, 1), (5, 32, 1), (1, 30, 1)]
+)
+def test_a_lane_gets_several_devices_only_if_they_would_be_idle_and_have_enough_to_do(lanes, num_envs, expected):
     assert shards_for(lanes, num_envs) == expected

@@ -57,12 +57,13 @@ def test_a_damaged_answer_is_asked_for_again(tmp_path, monkeypatch, content):
     assert xla.known_flags(["--a=1"], str(tmp_path / "file")) == ["--a=1"]  # no folder can be made there
 
 
-def test_without_a_process_to_ask_no_flag_is_known(monkeypatch):
+def test_without_a_process_to_ask_no_flag_is_known(tmp_path, monkeypatch):
     def no_process(*_, **__):
         raise OSError
 
     monkeypatch.setattr(xla.subprocess, "run", no_process)
-    assert xla.known_flags(["--a=1"]) == []
+    assert xla.known_flags(["--a=1"], str(tmp_path)) == []
+    assert not list(tmp_path.iterdir()), "the next process asks again"
 
 
 @pytest.mark.parametrize(
