@@ -101,9 +101,10 @@ def test_no_command_imports_another(path):
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_there_is_no_circle_of_imports(folder):
     modules = {module_name(path): path for path in FILES if path.parts[0] == folder and path.name != "__init__.py"}
+    names = {name: imported(path) for name, path in modules.items()}
     arrows = {
-        name: {other for other in modules if any(x == other or x.startswith(f"{other}.") for x in imported(path))}
-        for name, path in modules.items()
+        name: {other for other in modules if any(x == other or x.startswith(f"{other}.") for x in names[name])}
+        for name in modules
     }
     while leaves := {name for name, others in arrows.items() if not others & arrows.keys() - {name}}:
         arrows = {name: others for name, others in arrows.items() if name not in leaves}

@@ -80,13 +80,8 @@ def test_lanes_on_two_devices_differ_in_the_last_bits_alone(toy, tiny, demos):
     same_on_two_devices(lambda count: make_irl(toy(ends_at=4), config, count), demos, 2, 2e-4)
 
 
-def test_trpo_too(toy, tiny):
-    config = tiny(optimizer="trpo", num_envs=4, rollout_length=6, ppo_minibatches=2)
-    same_on_two_devices(lambda count: make_rl(toy(), config, shards=count), (), 1, 2e-4)
-
-
-def test_a_minibatch_without_equal_parts_is_computed_on_each_device(toy, tiny):
-    config = tiny(num_envs=2, rollout_length=3, ppo_epochs=2, ppo_minibatches=2)  # minibatches of 3
+def test_trpo_too_with_minibatches_that_have_no_equal_parts(toy, tiny):
+    config = tiny(optimizer="trpo", num_envs=2, rollout_length=3, ppo_epochs=2, ppo_minibatches=2)  # minibatches of 3
     same_on_two_devices(lambda count: make_rl(toy(), config, shards=count), (), 1, 2e-4)
 
 

@@ -129,7 +129,7 @@ def test_policies_are_trained_with_the_actions_that_the_reward_knows(monkeypatch
     assert target.recipe.config.actions == "clipped"
     assert target.for_reward(reward.config).settings()["retrain_config"]["actions"] == actions
     trained = []
-    monkeypatch.setattr(stages, "make_rl", lambda _env, config, _reward: trained.append(config))
+    monkeypatch.setattr(stages, "make_rl", lambda _env, config, *_more: trained.append(config))
     monkeypatch.setattr(stages, "Lanes", lambda *_args, **_more: None)
     monkeypatch.setattr(stages, "train", lambda *_args, **_more: None)
     stages.retrain(RunFolder(tmp_path / "use", {}), "", Training(target, reward, [{"seed": 0}, {"seed": 1}], RETRAIN))
