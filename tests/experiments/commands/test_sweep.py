@@ -69,6 +69,7 @@ def test_a_sweep_is_its_single_runs_side_by_side(tmp_path, tiny, capsys, run, im
     assert (tmp_path / "sweep" / "curves.png").exists()
 
 
+@pytest.mark.slow
 def test_a_sweep_may_go_over_names(tmp_path, tiny, capsys, run, table):
     """Each name needs a program of its own; one table and one figure show all of them."""
     arguments = ["sweep", "pendulum", "--seeds", 1, "--out", tmp_path / "sweep", "--set", *tiny]
