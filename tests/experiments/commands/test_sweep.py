@@ -5,6 +5,7 @@ import re
 from urllib.parse import unquote
 
 import numpy as np
+import pytest
 
 from eairl_jax import load_policy, load_reward
 
