@@ -265,9 +265,8 @@ def _check_shards(count: int, devices: int, several_processes: bool) -> None:
         )
 
 
-SMALLEST_SHARD = {"cpu": 16}
+SMALLEST_SHARD, SMALLEST_SHARD_ON_CPU = 1024, 16
 """Environments that are worth a device of their own. On a GPU, 128 take as long as 16."""
-SMALLEST_SHARD_ELSEWHERE = 1024
 
 
 def shards_for(lanes: int, num_envs: int) -> int:
@@ -282,7 +281,7 @@ def shards_for(lanes: int, num_envs: int) -> int:
     """
     if processes.current():
         return 1
-    smallest = SMALLEST_SHARD.get(jax.default_backend(), SMALLEST_SHARD_ELSEWHERE)
+    smallest = SMALLEST_SHARD_ON_CPU if jax.default_backend() == "cpu" else SMALLEST_SHARD
     return shards.fitting(num_envs, min(jax.local_device_count() // lanes, num_envs // smallest))
 
 

@@ -127,7 +127,7 @@ def refuse_other_results(path: Path, experiments: dict[tuple, Experiment]) -> No
         experiment = experiments.get(result.identity)
         if experiment is None:
             continue
-        if result.count != len(experiment.seeds) or not result.has(experiment.seeds):
+        if result.trained_seeds != set(experiment.seeds):
             there, here = (f"seeds {seeds[0]} to {seeds[-1]}" for seeds in (result.seeds, experiment.seeds))
         elif _digest(result.settings, result.retrain_settings) != _digest(*_settings(experiment)):
             there, here = "other settings", "these settings"

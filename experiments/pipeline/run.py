@@ -133,13 +133,18 @@ class Result:
         return self.reference.normalized(np.array(self.returns))
 
     @property
+    def trained_seeds(self) -> set[int]:
+        """The seeds that have returns, and those that were dropped."""
+        return {*self.seeds, *(each["seed"] for each in self.dropped)}
+
+    @property
     def count(self) -> int:
         """How many seeds were trained; a dropped one counts."""
-        return len({*self.seeds, *(each["seed"] for each in self.dropped)})
+        return len(self.trained_seeds)
 
     def has(self, seeds: range) -> bool:
         """Whether the result holds all these seeds, as returns or as dropped ones."""
-        return set(seeds) <= {*self.seeds, *(each["seed"] for each in self.dropped)}
+        return set(seeds) <= self.trained_seeds
 
     def joined(self, other: Result) -> Result:
         """This result and the seeds of another one of the same imitation."""
