@@ -109,7 +109,9 @@ class Config:
     """k(a) of a separable reward. "quadratic": -c |a|^2 with a learned c >= 0, which can only be a cost. "net": any
     function of the action, which can also learn the direction in which the expert mostly moved."""
     shaping: str = "default"
-    """Potential-based shaping of f: "empowerment" (Phi), "learned" (AIRL's h), "both", or "none"."""
+    """Potential-based shaping of f: "empowerment" (Phi), "learned" (AIRL's h), "both", or "none". "exact_empowerment":
+    Phi is computed from the simulator and not learned; l_I keeps the learned Phi. Only tasks of at most two observed
+    quantities that can start at rest anywhere have an exact Phi: the point mazes."""
     shaping_discount: str = "default"
     """Discount factor in the shaping term: "gamma", or "one" as in the authors' release."""
     policy_phi: str = "default"
@@ -142,6 +144,8 @@ class Config:
     """Updates of the inverse model in one iteration, and as many of Phi."""
     empowerment_batch: int = 512
     """Samples of the policy in one update of the inverse model or of Phi."""
+    empowerment_steps: int = 1
+    """K of an exact Phi: steps after which the observation is read (`exact_empowerment`)."""
     phi_sync_interval: int = 5
     """Iterations between copies of Phi into Phi' (Appendix D.2: 5 to learn a reward, 2 to imitate)."""
     l_i_power: int = 2
@@ -253,6 +257,7 @@ AT_LEAST_1 = (
     "discriminator_batch",
     "empowerment_updates",
     "empowerment_batch",
+    "empowerment_steps",
     "phi_sync_interval",
     "cg_iterations",
     "line_search_steps",
@@ -270,7 +275,7 @@ ACTIVATIONS = (
 # Settings that the method decides if their value is "default", and their other values.
 METHOD_DEFAULTS: dict[str, tuple[str, ...]] = {
     "reward_form": ("sa", "s", "separable"),
-    "shaping": ("empowerment", "learned", "both", "none"),
+    "shaping": ("empowerment", "learned", "both", "none", "exact_empowerment"),
     "shaping_discount": ("gamma", "one"),
     "policy_phi": ("target", "online"),
     "discriminates": ("transitions", "trajectories"),

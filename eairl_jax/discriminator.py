@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from eairl_jax import named_networks, nets, train_state
 from eairl_jax.config import Config
-from eairl_jax.methods import METHODS
+from eairl_jax.methods import EXACT_PHI, LEARNED_H, LEARNED_PHI, METHODS
 from eairl_jax.types import HParams, Key, Metrics, PyTree
 
 # softplus(-3) = 0.05: actions cost almost nothing until the demonstrations show that they do.
@@ -78,7 +78,7 @@ def init(key: Key, obs_size: int, action_size: int, config: Config) -> PyTree:
     if config.reward_form == "separable":
         quadratic = config.action_part == "quadratic"
         params["k"] = {"raw_cost": jnp.full((), RAW_COST_INIT)} if quadratic else net.init(k_key, action)
-    if config.shaping in ("learned", "both"):
+    if config.shaping in LEARNED_H:
         params["h"] = net.init(h_key, obs)
     if METHODS[config.method].reward_loss:
         params["d"] = net.init(jax.random.fold_in(key, 1), *_classified(obs, action, config))
@@ -115,10 +115,10 @@ def logit_expert_high(params: PyTree, samples: Samples, discount, config: Config
         f = nets.apply(nets.scalar(config), params["d"], *_classified(samples.obs, samples.action, config))
     else:
         f = reward(params, samples.obs, samples.action, config)
-    if config.shaping in ("learned", "both"):
+    if config.shaping in LEARNED_H:
         h, next_h = (nets.apply(nets.scalar(config), params["h"], x) for x in (samples.obs, samples.next_obs))
         f += shaping(h, next_h, samples.terminated, discount)
-    if config.shaping in ("empowerment", "both"):
+    if config.shaping in (*LEARNED_PHI, EXACT_PHI):
         f += samples.phi_shaping
     return METHODS[config.method].logit_expert_high(f, samples.log_prob)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from eairl_jax import agent, discriminator, empowerment, horizon, methods, replay, train_state
+from eairl_jax import agent, discriminator, empowerment, exact_empowerment, horizon, methods, replay, train_state
 from eairl_jax.config import Config
 from eairl_jax.errors import InputError
 from eairl_jax.gaussian import Gaussian
@@ -81,6 +81,7 @@ def for_loss(
     raw: Steps,
     pi: Callable[[jax.Array], Gaussian],
     emp: empowerment.Empowerment | None,
+    exact_phi: exact_empowerment.Potential | tuple[()],
     acting: agent.Agent,
     hparams: HParams,
     config: Config,
@@ -94,12 +95,14 @@ def for_loss(
     else:
         log_prob = action_pi.log_prob(x.action)
     next_params = emp.phi_target if emp else None
-    return _samples(raw, x, log_prob, _phi_shaping(x, emp, next_params, hparams, config), config)
+    phi_shaping = _phi_shaping(raw, x, emp, next_params, exact_phi, hparams, config)
+    return _samples(raw, x, log_prob, phi_shaping, config)
 
 
 def for_policy_reward(
     raw: Transition,
     emp: empowerment.Empowerment | None,
+    exact_phi: exact_empowerment.Potential | tuple[()],
     acting: agent.Agent,
     hparams: HParams,
     config: Config,
@@ -109,7 +112,8 @@ def for_policy_reward(
     next_params = None
     if emp:
         next_params = emp.phi.params if config.policy_phi == "online" else emp.phi_target
-    return _samples(raw, x, x.log_prob, _phi_shaping(x, emp, next_params, hparams, config), config)
+    phi_shaping = _phi_shaping(raw, x, emp, next_params, exact_phi, hparams, config)
+    return _samples(raw, x, x.log_prob, phi_shaping, config)
 
 
 def _samples(raw: Steps, x: Steps, log_prob: jax.Array, phi_shaping, config: Config) -> discriminator.Samples:
@@ -126,14 +130,23 @@ def _samples(raw: Steps, x: Steps, log_prob: jax.Array, phi_shaping, config: Con
 
 
 def _phi_shaping(
-    x: Steps, emp: empowerment.Empowerment | None, next_params: PyTree, hparams: HParams, config: Config
+    raw: Steps,
+    x: Steps,
+    emp: empowerment.Empowerment | None,
+    next_params: PyTree,
+    exact_phi: exact_empowerment.Potential | tuple[()],
+    hparams: HParams,
+    config: Config,
 ) -> jax.Array:
-    """`gamma Phi(s') - Phi(s)` `[...]`, Phi(s') by `next_params`; 0 if Phi does not shape the reward.
+    """`gamma Phi(s') - Phi(s)` `[...]`, a learned Phi(s') by `next_params`; 0 if Phi does not shape the reward.
 
     The result is a constant: no gradient of the discriminator's loss reaches Phi.
     """
-    if emp is None or config.shaping not in ("empowerment", "both"):
+    if exact_phi:
+        phi, next_phi = exact_empowerment.phi(exact_phi, raw.obs), exact_empowerment.phi(exact_phi, raw.next_obs)
+    elif emp is None or config.shaping not in methods.LEARNED_PHI:
         return jnp.zeros(x.terminated.shape)
-    phi, next_phi = empowerment.phi(emp.phi.params, x.obs, config), empowerment.phi(next_params, x.next_obs, config)
+    else:
+        phi, next_phi = empowerment.phi(emp.phi.params, x.obs, config), empowerment.phi(next_params, x.next_obs, config)
     discount = discriminator.shaping_discount(hparams, config)
     return jax.lax.stop_gradient(discriminator.shaping(phi, next_phi, x.terminated, discount))

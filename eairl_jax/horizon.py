@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
+from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -142,6 +143,12 @@ class FixedHorizon:
         value = getattr(self._env, name)
         added = {"obs_mean": 0.0, "obs_std": 1.0}
         return (*value, added[name]) if self._absorbing and name in added else value
+
+    @property
+    def at_rest(self) -> Callable[[jax.Array], HorizonState]:
+        """The task's own `at_rest` (`exact_empowerment`), if it has one."""
+        inner = self._env.at_rest
+        return lambda obs: self._state(inner(obs), *jnp.zeros(3))
 
     def reset(self, rng: Key) -> HorizonState:
         return self._state(self._env.reset(rng), *jnp.zeros(3))

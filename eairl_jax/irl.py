@@ -17,6 +17,7 @@ from eairl_jax import (
     discriminator,
     discriminator_data,
     empowerment,
+    exact_empowerment,
     horizon,
     methods,
     normalize,
@@ -43,6 +44,7 @@ class IRLState:
         methods without empowerment.
       discriminator: the reward and the learned part of its shaping (xi).
       replay: raw samples of this iteration and of previous iterations.
+      exact_phi: Phi(s) by the simulator, which never changes; () unless the configuration asks for it.
     """
 
     key: Key
@@ -50,6 +52,7 @@ class IRLState:
     empowerment: empowerment.Empowerment | None
     discriminator: train_state.TrainState
     replay: replay.Replay
+    exact_phi: exact_empowerment.Potential | tuple[()] = ()
 
 
 @struct.dataclass
@@ -72,9 +75,8 @@ def make_irl(env: Env, config: Config, shards: int = 1) -> Algorithm:
       shards: how many devices compute one lane together, in `Lanes`.
 
     Raises:
-      InputError: if the method or the network is unknown, if the environment does not fit (`environment.check_env`), if
-        its copies cannot be split evenly over the devices, or if the method discriminates whole trajectories and a
-        rollout does not consist of whole episodes.
+      InputError: if the method or the network is unknown, if the environment does not fit (`environment.check_env`,
+        `check_whole_trajectories`, `exact_empowerment.check`), or if its copies do not split evenly over the devices.
     """
     env, config = _learned_in(env, config)
     obs_size, action_size = normalize.flat_size(env), env.action_size
@@ -91,6 +93,7 @@ def make_irl(env: Env, config: Config, shards: int = 1) -> Algorithm:
             empowerment=emp,
             discriminator=train_state.init(discriminator.init(d_key, obs_size, action_size, config)),
             replay=replay.empty(obs_size, action_size, config),
+            exact_phi=exact_empowerment.potential(env, config),
         )
 
     def step(state: IRLState, hparams: HParams, demos: Demonstrations):
@@ -102,7 +105,7 @@ def make_irl(env: Env, config: Config, shards: int = 1) -> Algorithm:
         acting = agent.reset_policy_if_due(reset_key, state.agent, optimizer, hparams, config)
         acting, raw = agent.collect(tau_key, acting, env, optimizer, config, parts)
         past, tau = replay.add(replay_key, state.replay, raw, config), agent.normalize_obs(acting, raw)
-        pi = functools.partial(optimizer.distribution, acting.policy)
+        pi, exact = functools.partial(optimizer.distribution, acting.policy), state.exact_phi
 
         # Update the inverse model q (phi) by l_q, then the empowerment Phi (varphi) by l_I.
         def update_empowerment(emp):
@@ -112,7 +115,7 @@ def make_irl(env: Env, config: Config, shards: int = 1) -> Algorithm:
         def update_discriminator(emp):
             demonstrated = agent.clip_actions(demos, env, config)
             pair = discriminator_data.draw_minibatches(d_key, demonstrated, past, raw, hparams, config)
-            expert, policy = (discriminator_data.for_loss(x, pi, emp, acting, hparams, config) for x in pair)
+            expert, policy = (discriminator_data.for_loss(x, pi, emp, exact, acting, hparams, config) for x in pair)
             return discriminator.fit(state.discriminator, expert, policy, hparams, config)
 
         if config.update_order == "discriminator_first":
@@ -123,7 +126,7 @@ def make_irl(env: Env, config: Config, shards: int = 1) -> Algorithm:
             d, d_metrics = update_discriminator(emp)
 
         # Update the policy (theta) by PPO or TRPO on the updated reward and on lambda_I l_I.
-        samples = discriminator_data.for_policy_reward(raw, emp, acting, hparams, config)
+        samples = discriminator_data.for_policy_reward(raw, emp, exact, acting, hparams, config)
         tau = tau._replace(reward=discriminator.policy_reward(d.params, samples, hparams, config))
         tau, *cost = empowerment.with_l_i(jax.random.fold_in(pi_key, 1), tau, pi, emp, hparams, config, limit)
         paid = tau._replace(reward=horizon.rest_paid(tau.reward, raw.obs, hparams, config))
@@ -134,7 +137,7 @@ def make_irl(env: Env, config: Config, shards: int = 1) -> Algorithm:
         emp = empowerment.sync(emp, acting.iteration, config) if emp else None
 
         returns = {"true_return": acting.rollout.mean_return, "policy_reward": tau.reward.mean()}
-        return IRLState(key, acting, emp, d, past), metrics | d_metrics | pi_metrics | returns
+        return IRLState(key, acting, emp, d, past, exact), metrics | d_metrics | pi_metrics | returns
 
     def act(state: IRLState, obs, key=None):
         return agent.sample_action(state.agent, obs, key, optimizer)
@@ -148,6 +151,7 @@ def _learned_in(env: Env, config: Config) -> tuple[Env, Config]:
     config = methods.of_known_method(horizon.learning_config(env, config))
     horizon.warn_if_variable(env, config)
     env = horizon.learning_env(env, config)
+    exact_empowerment.check(env, config)
     discriminator_data.check_whole_trajectories(env, config)
     discriminator.check_network(normalize.flat_size(env), env.action_size, config)
     return env, config

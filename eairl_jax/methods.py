@@ -159,6 +159,12 @@ METHODS: dict[str, Method] = {
 }
 
 
+LEARNED_PHI = ("empowerment", "both")
+LEARNED_H = ("learned", "both")
+"""Values of `Config.shaping` with each learned potential."""
+EXACT_PHI = "exact_empowerment"
+"""The value of `Config.shaping` for which the simulator says what Phi is."""
+
 BUILT_IN = frozenset(METHODS)
 """The methods that every program with this library has. Others come from a user's code."""
 
@@ -216,4 +222,4 @@ def of_known_method(config: Config) -> Config:
 
 def uses_empowerment(config: Config) -> bool:
     """Whether a configuration without "default" values trains q and Phi."""
-    return METHODS[config.method].empowerment or config.shaping in ("empowerment", "both")
+    return METHODS[config.method].empowerment or config.shaping in LEARNED_PHI

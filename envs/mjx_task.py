@@ -173,7 +173,9 @@ class MjxTask(Task):
 
     def reset(self, rng: jax.Array) -> State:
         """Starts an episode. A reset computes no physics, so resets inside a rollout cost almost nothing."""
-        qpos, qvel = self.initial(rng)
+        return self._start(*self.initial(rng))
+
+    def _start(self, qpos: jax.Array, qvel: jax.Array) -> State:
         physics = Physics(qpos, qvel, jnp.zeros(self.model.nv))
         zero = jnp.zeros(())
         return State(pipeline_state=cast(Any, physics), obs=self.observe(physics), reward=zero, done=zero)

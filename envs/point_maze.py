@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 
-from eairl_jax.envs.mjx_task import Camera, MjxTask, TaskError
+from eairl_jax.envs.mjx_task import Camera, MjxTask, State, TaskError
 
 SIDE = 0.6  # m, L in the paper's release
 START = (SIDE / 2, 0.0)
@@ -119,6 +119,10 @@ class PointMaze(MjxTask):
 
     def initial(self, rng):
         return jnp.array(START), jax.random.uniform(rng, (2,), minval=-0.01, maxval=0.01)
+
+    def at_rest(self, obs: jax.Array) -> State:
+        """The state in which the point rests at the observation `[2]`, m. Inside a wall the wall pushes it out."""
+        return self._start(obs, jnp.zeros(2))
 
     def observe(self, physics):
         return physics.qpos

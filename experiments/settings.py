@@ -17,7 +17,7 @@ from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import OWN, parse
 from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES, sections_of
 from eairl_jax.hparams import RANGES, check_hparams
-from eairl_jax.methods import METHODS, uses_empowerment, with_method_defaults
+from eairl_jax.methods import EXACT_PHI, METHODS, uses_empowerment, with_method_defaults
 from eairl_jax.named_networks import MLP
 
 
@@ -242,7 +242,7 @@ EMPOWERMENT = frozenset(
 ADVERSARY = frozenset(
     {"discriminator_lr", "history", "history_length", "policy_reset_every", "shaping", "shaping_discount", "horizon"}
     | {"reward_form", "reward_obs", "action_part", "discriminates", "update_order", "hidden", "net"}
-    | {"gradient_penalty", "action_variance", "input_sparsity"}
+    | {"gradient_penalty", "action_variance", "input_sparsity", "empowerment_steps"}
 )
 TRPO = frozenset({"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"})
 PPO = frozenset({"clip_eps", "max_grad_norm"})
@@ -265,6 +265,8 @@ def unread_settings(config: Config) -> frozenset[str]:
         unread |= {"action_part"}
     if config.net != MLP:
         unread |= {"hidden"}
+    if config.shaping != EXACT_PHI:
+        unread |= {"empowerment_steps"}
     return unread if uses_empowerment(config) else unread | EMPOWERMENT
 
 

@@ -172,7 +172,10 @@ def stages(experiment: Experiment, iterations: int) -> dict[str, Callable[[], No
         drawn = discriminator_data.draw_minibatches(
             key, agent.clip_actions(experiment.source.demos, env, config), past, raw, hparams, config
         )
-        pair = (discriminator_data.for_loss(x, pi, state.empowerment, acting, hparams, config) for x in drawn)
+        pair = (
+            discriminator_data.for_loss(x, pi, state.empowerment, state.exact_phi, acting, hparams, config)
+            for x in drawn
+        )
         expert, policy = pair
         return discriminator.fit(d, expert, policy, hparams, config)[0]
 

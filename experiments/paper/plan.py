@@ -98,6 +98,8 @@ ABLATIONS = (
 )
 # Of the separable reward in the mazes: Phi without the learned potential h, and the paper's lambda_I.
 SEPARABLE_ABLATIONS = (("shaping=empowerment",), ("lambda_i=1",))
+# Phi by the simulator, over K steps, in both directions and beside Phi = 0: `docs/results.md`, "Exact empowerment".
+EXACT_PHI = tuple(("shaping=exact_empowerment", f"empowerment_steps={steps}") for steps in (1, 5, 20))
 # Of the separable reward of the ant: the penalty on slopes in place of sparsity, less sparsity, other potentials.
 ANT_ABLATIONS = (
     ("gradient_penalty=0.1", "input_sparsity=0"),
@@ -144,6 +146,16 @@ def _maze_ablations(pair: Pair) -> list[Planned]:
     return [*changed, Planned(source, "eairl", "s", target)]
 
 
+def _exact_phi(pair: Pair, others: tuple[tuple[str, ...], ...] = ()) -> list[Planned]:
+    """EAIRL and its separable form with the simulator's Phi alone, and with other settings."""
+    source, target = pair
+    return [
+        Planned(source, "eairl", form, target, settings=settings)
+        for form in ("default", "separable")
+        for settings in (*others, *EXACT_PHI)
+    ]
+
+
 def _ant_ablations(pair: Pair) -> list[Planned]:
     source, target = pair
     changed = [Planned(source, "eairl", "separable", target, settings=settings) for settings in ANT_ABLATIONS]
@@ -172,7 +184,12 @@ def _table2() -> list[Planned]:
 EXPERIMENTS: dict[str, list[Planned]] = {
     "table1": _table1(),
     "table2": _table2(),
-    "ablations": [*_maze_ablations(MAZES[0]), *_ant_ablations(ANTS)],
+    "ablations": [
+        *_maze_ablations(MAZES[0]),
+        *_exact_phi(MAZES[0]),
+        *_exact_phi(MAZES[1], others=(("shaping=none",),)),
+        *_ant_ablations(ANTS),
+    ],
 }
 # The experiment whose results each figure shows.
 FIGURES = {"figure2": "table1", "appendix-c": "table1"}

@@ -37,8 +37,8 @@ def test_in_the_absorbing_state_the_discriminator_sees_no_action_and_no_log_pi(t
     acting = SimpleNamespace(obs_stats=ObsStats(jnp.zeros(5), jnp.ones(5), jnp.zeros(())))
     narrow = Gaussian(jnp.zeros((6, 4, 2)), jnp.full((6, 4, 2), -1.0))
     for samples, log_prob in (
-        (for_policy_reward(raw, None, acting, HParams(), config), raw.log_prob),
-        (for_loss(raw, lambda _obs: narrow, None, acting, HParams(), config), narrow.log_prob(raw.action)),
+        (for_policy_reward(raw, None, (), acting, HParams(), config), raw.log_prob),
+        (for_loss(raw, lambda _obs: narrow, None, (), acting, HParams(), config), narrow.log_prob(raw.action)),
     ):
         np.testing.assert_allclose(samples.log_prob, np.where(ended > 0, 0.0, log_prob), rtol=1e-6)
         np.testing.assert_array_equal(samples.action, np.where(ended[..., None] > 0, 0.0, raw.action))

@@ -236,8 +236,8 @@ def test_the_shaping_by_phi_is_a_constant_of_the_phi_and_the_discount_asked_for(
 
     def samples(emp):
         if scoring:
-            return discriminator_data.for_policy_reward(raw, emp, acting, HPARAMS, config)
-        return discriminator_data.for_loss(raw, pi, emp, acting, HPARAMS, config)
+            return discriminator_data.for_policy_reward(raw, emp, (), acting, HPARAMS, config)
+        return discriminator_data.for_loss(raw, pi, emp, (), acting, HPARAMS, config)
 
     result = samples(emp)
     next_phi = emp.phi.params if scoring and "policy_phi" in changes else emp.phi_target
