@@ -1,4 +1,4 @@
-"""Every example runs as it stands, only shorter. Compiling them takes minutes, so all but one test are slow ones."""
+"""Every example runs as it stands, only shorter. Compiling them takes minutes, so all but two tests are slow ones."""
 
 import runpy
 import sys
@@ -29,8 +29,16 @@ def example(monkeypatch, tmp_path, no_trace):
 
 def test_no_example_is_longer_than_60_lines():
     lengths = {path.name: len(path.read_text(encoding="utf-8").splitlines()) for path in EXAMPLES.glob("*.py")}
-    assert len(lengths) == 10
+    assert len(lengths) == 11
     assert max(lengths.values()) <= 60, lengths
+
+
+def test_rewards_transfer_in_tables_where_the_theorem_says_so(example, capsys):
+    results = example("which_sources_are_enough")["results"]
+    assert [predicted for predicted, _ in results.values()].count(True) == 3
+    for case, (predicted, lost) in results.items():
+        assert (lost < 1e-9) == predicted, case
+    assert "two sources, another target" in capsys.readouterr().out
 
 
 @pytest.mark.slow
