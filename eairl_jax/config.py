@@ -135,6 +135,9 @@ class Config:
     discriminator_batch: int = 512
     """Samples of the expert in one update of the discriminator, and as many samples of the policy. For behaviour
     cloning: samples of the expert in one update of the policy."""
+    context_size: int = 0
+    """Last entries of an observation that the reward does not see, and policy and potentials do: which of several
+    sources a step is from. Set by the task (`envs.several`); 0 for a single source."""
     penalties: tuple[str, ...] = ()
     """Penalties on the reward that are computed: any of "gradient", "action_variance", "input_sparsity". Their weights
     are in `HParams`."""
@@ -201,10 +204,10 @@ class Config:
         for name in AT_LEAST_1:
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {shown(getattr(self, name))}: expected at least 1")
-        for name in ("history_length", "policy_reset_every", "episode_length"):
+        for name in ("history_length", "policy_reset_every", "episode_length", "context_size"):
             if getattr(self, name) < 0:
                 raise InputError(f"{name} = {shown(getattr(self, name))}: expected 0 or more")
-        for name in (*AT_LEAST_1, "history_length", "policy_reset_every", "episode_length"):
+        for name in (*AT_LEAST_1, "history_length", "policy_reset_every", "episode_length", "context_size"):
             if getattr(self, name) > LARGEST_COUNT:
                 raise InputError(f"{name} = {shown(getattr(self, name))}: expected at most {LARGEST_COUNT}")
         if self.steps_per_iteration > LARGEST_COUNT:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -331,6 +331,32 @@ def _check_next_obs(demos: Demonstrations, where: str) -> None:
             f"first at {first}; expected the observation after the action: is next_obs shifted, or are the steps out "
             "of order?"
         )
+
+
+def of_several(parts: Sequence[Demonstrations]) -> Demonstrations:
+    """Demonstrations of several tasks as those of the one task that `envs.several` makes of them.
+
+    Observations get an entry for each task: 1 for the task of the step, 0 for the others. A task counts as often as it
+    has steps.
+
+    Args:
+      parts: of each task, in the order of the tasks; all with observations and actions of the same sizes.
+    """
+
+    def joined(name: str) -> Any:
+        arrays = [getattr(part, name) for part in parts]
+        return None if any(array is None for array in arrays) else np.concatenate(arrays)
+
+    steps = np.array([len(part.obs) for part in parts])
+    which = np.repeat(np.eye(len(parts), dtype=np.float32), steps, axis=0)
+    return Demonstrations(
+        obs=np.concatenate([joined("obs"), which], axis=1),
+        action=joined("action"),
+        next_obs=np.concatenate([joined("next_obs"), which], axis=1),
+        reward=joined("reward"),
+        terminated=joined("terminated"),
+        lengths=joined("lengths"),
+    )
 
 
 def check_fits(demos: Demonstrations, env: Env, where: str) -> None:

@@ -74,7 +74,8 @@ def init(key: Key, obs_size: int, action_size: int, config: Config) -> PyTree:
     """
     g_key, k_key, h_key = jax.random.split(key, 3)
     obs, action, net = jnp.zeros((1, obs_size)), jnp.zeros((1, action_size)), nets.scalar(config)
-    params = {"g": net.init(g_key, obs, action) if config.reward_form == "sa" else net.init(g_key, obs)}
+    seen = _seen(obs, config)
+    params = {"g": net.init(g_key, seen, action) if config.reward_form == "sa" else net.init(g_key, seen)}
     if config.reward_form == "separable":
         quadratic = config.action_part == "quadratic"
         params["k"] = {"raw_cost": jnp.full((), RAW_COST_INIT)} if quadratic else net.init(k_key, action)
@@ -83,6 +84,11 @@ def init(key: Key, obs_size: int, action_size: int, config: Config) -> PyTree:
     if METHODS[config.method].reward_loss:
         params["d"] = net.init(jax.random.fold_in(key, 1), *_classified(obs, action, config))
     return params
+
+
+def _seen(obs: jax.Array, config: Config) -> jax.Array:
+    """Observations `[..., obs]` without the entries that say which of several sources they are from."""
+    return obs[..., : obs.shape[-1] - config.context_size]
 
 
 def _classified(obs: jax.Array, action: jax.Array, config: Config) -> tuple[jax.Array, ...]:
@@ -95,7 +101,7 @@ def reward(params: PyTree, obs: jax.Array, action: jax.Array, config: Config) ->
 
     A separable reward can express a cost of actions, and cannot memorise which action the expert takes at which state.
     """
-    net = nets.scalar(config)
+    net, obs = nets.scalar(config), _seen(obs, config)
     if config.reward_form == "sa":
         return nets.apply(net, params["g"], obs, action)
     g = nets.apply(net, params["g"], obs)

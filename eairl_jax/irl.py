@@ -5,6 +5,7 @@ Every method of `methods.METHODS` runs this loop. Read `step` in `make_irl` firs
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable
 
@@ -27,6 +28,7 @@ from eairl_jax import (
 )
 from eairl_jax.config import Config
 from eairl_jax.environment import check_env
+from eairl_jax.errors import InputError
 from eairl_jax.hparams import check_hparams
 from eairl_jax.policy_optimizers import make_optimizer
 from eairl_jax.shards import of_count
@@ -148,7 +150,7 @@ def make_irl(env: Env, config: Config, shards: int = 1) -> Algorithm:
 def _learned_in(env: Env, config: Config) -> tuple[Env, Config]:
     """The environment and the configuration as learning sees them, checked."""
     check_env(env)
-    config = methods.of_known_method(horizon.learning_config(env, config))
+    config = _with_context(env, methods.of_known_method(horizon.learning_config(env, config)))
     horizon.warn_if_variable(env, config)
     env = horizon.learning_env(env, config)
     exact_empowerment.check(env, config)
@@ -157,10 +159,30 @@ def _learned_in(env: Env, config: Config) -> tuple[Env, Config]:
     return env, config
 
 
-def learned_reward(state: IRLState) -> RewardParams:
-    """The reward of a run, without its shaping and without log pi. If the state has a lane axis, the result has it."""
+def _with_context(env: Env, config: Config) -> Config:
+    """The configuration with the environment's `context_size`."""
+    size = getattr(env, "context_size", 0)
+    if config.context_size not in (0, size):
+        raise InputError(f"context_size = {config.context_size}: this task has {size}; leave the setting out")
+    if size and config.horizon == "absorbing":
+        raise InputError(
+            "the horizon absorbing is not possible with several sources: the entry of the absorbing state would come "
+            "after those of the sources; choose --horizon fixed or variable"
+        )
+    return dataclasses.replace(config, context_size=size)
+
+
+def learned_reward(state: IRLState, context_size: int = 0) -> RewardParams:
+    """The reward of a run, without its shaping and without log pi. If the state has a lane axis, the result has it.
+
+    Args:
+      context_size: of the environment, if it is several tasks as one (`envs.several`): the reward is of the observation
+        without these entries.
+    """
     reward_params = {name: params for name, params in state.discriminator.params.items() if name in ("g", "k")}
-    return RewardParams(reward_params, state.agent.obs_stats)
+    stats = state.agent.obs_stats
+    size = stats.mean.shape[-1] - context_size
+    return RewardParams(reward_params, stats.replace(mean=stats.mean[..., :size], var=stats.var[..., :size]))
 
 
 def reward_function(config: Config) -> Callable[[RewardParams, jax.Array, jax.Array], jax.Array]:

@@ -1,4 +1,4 @@
-"""The two-passage point maze of the reward-transfer experiments (Fu et al. 2018; EAIRL, section 5.1)."""
+"""The point mazes of the reward-transfer experiments (Fu et al. 2018; EAIRL, section 5.1), and two more."""
 
 from __future__ import annotations
 
@@ -11,9 +11,15 @@ from eairl_jax.envs.mjx_task import Camera, MjxTask, State, TaskError
 SIDE = 0.6  # m, L in the paper's release
 START = (SIDE / 2, 0.0)
 GOAL = (SIDE / 2, SIDE - 0.1)
-# The x (m) of the barrier's two ends, by the side of the passage. The barrier starts at the wall opposite to the
-# passage.
-BARRIER = {"left": (SIDE / 3, SIDE), "right": (-0.1, 2 * SIDE / 3)}
+WEST = -0.1  # m, x of the west wall; the east wall is at SIDE
+# The barriers by where they can be passed, each `(x of one end, x of the other end, y)`, m.
+BARRIERS = {
+    "left": [(SIDE / 3, SIDE, SIDE / 2)],
+    "right": [(WEST, 2 * SIDE / 3, SIDE / 2)],
+    "middle": [(WEST, 0.1, SIDE / 2), (0.4, SIDE, SIDE / 2)],
+    "double": [(SIDE / 3, SIDE, 0.2), (WEST, 2 * SIDE / 3, 0.37)],
+}
+CAPSULE = '<geom name="{name}" type="capsule" size="0.02" fromto="{left} {y} 0 {right} {y} 0"/>'
 
 MJCF = """
 <mujoco>
@@ -46,7 +52,7 @@ MJCF = """
     <geom class="look" name="north" pos="{centre} {beyond} 0" size="{half} 0.01 0.04"/>
     <geom class="look" name="goal" type="cylinder" pos="{goal[0]} {goal[1]} -0.039" size="0.03 0.001"
           rgba="0.2 0.7 0.3 1"/>
-    <geom name="barrier" type="capsule" size="0.02" fromto="{left} {middle} 0 {right} {middle} 0"/>
+    {barriers}
   </worldbody>
   <actuator>
     <motor name="x" joint="x"/>
@@ -57,7 +63,9 @@ MJCF = """
 
 
 class PointMaze(MjxTask):
-    """A point in a square arena whose barrier leaves one passage, on the left or on the right.
+    """A point in a square arena whose barrier leaves one passage: on the left, on the right or in the middle.
+
+    "double" has two barriers. The first can be passed on the left, the second on the right.
 
     Observation (2):
 
@@ -78,14 +86,14 @@ class PointMaze(MjxTask):
     constraint.
 
     Args:
-      passage: "left" or "right", the side on which the point can pass the barrier.
+      passage: "left", "right", "middle" or "double": where the point can pass the barrier.
       solver_iterations, line_search_iterations: Newton steps of MJX's constraint solver for each physics step, and
         line-search steps for each Newton step. With one Newton step positions stay within 2 mm of the C engine's
         (100 iterations) while the point leans on walls. After an impact at full speed the difference reaches 7 mm for
         a moment. `tests/envs/test_point_maze.py` checks both figures.
 
     Raises:
-      TaskError: for another side, or for less than one iteration.
+      TaskError: for another passage, or for less than one iteration.
     """
 
     episode_length = 100
@@ -95,21 +103,22 @@ class PointMaze(MjxTask):
     obs_std = (0.35, 0.35)
 
     def __init__(self, passage: str, solver_iterations: int = 1, line_search_iterations: int = 4):
-        if passage not in BARRIER:
-            raise TaskError(f"passage = {passage!r}: expected {' or '.join(BARRIER)}")
+        if passage not in BARRIERS:
+            raise TaskError(f"passage = {passage!r}: expected {' or '.join(BARRIERS)}")
         if solver_iterations < 1 or line_search_iterations < 1:
             raise TaskError(
                 f"solver_iterations = {solver_iterations}, line_search_iterations = {line_search_iterations}: "
                 "expected at least 1 of each"
             )
-        left, right = BARRIER[passage]
+        barriers = [
+            CAPSULE.format(name=f"barrier{n or ''}", left=left, right=right, y=y)
+            for n, (left, right, y) in enumerate(BARRIERS[passage])
+        ]
         mjcf = MJCF.format(
             iterations=solver_iterations,
             line_search=line_search_iterations,
             side=SIDE,
-            left=left,
-            right=right,
-            middle=SIDE / 2,
+            barriers="\n    ".join(barriers),
             centre=(SIDE - 0.1) / 2,
             half=(SIDE + 0.1) / 2,
             beyond=SIDE + 0.01,

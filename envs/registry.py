@@ -25,6 +25,7 @@ from eairl_jax.envs.mjx_task import MjxTask, Task, TaskError
 from eairl_jax.envs.names import TaskName
 from eairl_jax.envs.pendulum import Pendulum
 from eairl_jax.envs.point_maze import PointMaze
+from eairl_jax.envs.several import SeveralTasks
 from eairl_jax.envs.swimmer import Swimmer
 
 TASKS: MappingProxyType[str, Callable[..., MjxTask]] = MappingProxyType(
@@ -32,6 +33,8 @@ TASKS: MappingProxyType[str, Callable[..., MjxTask]] = MappingProxyType(
         "pendulum": Pendulum,
         "point_maze_left": partial(PointMaze, passage="left"),
         "point_maze_right": partial(PointMaze, passage="right"),
+        "point_maze_middle": partial(PointMaze, passage="middle"),
+        "point_maze_double": partial(PointMaze, passage="double"),
         "ant": Ant,
         "crippled_ant": partial(Ant, crippled=("back_leg", "right_back_leg")),
         "half_cheetah": HalfCheetah,
@@ -47,7 +50,7 @@ class UnknownTask(TaskError):
 
 
 def make(name: str, **settings) -> Task:
-    """Builds a task by name.
+    """Builds a task by name, or several tasks as one (`several.SeveralTasks`) by their names with `+` between them.
 
     Args:
       name: one of `TASKS`, `brax:NAME`, `playground:NAME`, `FILE.py:FUNCTION` or `MODULE:FUNCTION`, with arguments
@@ -59,9 +62,22 @@ def make(name: str, **settings) -> Task:
       UnknownTask: if no task has this name.
       TaskError: if the task has no such argument, or refuses the value of an argument, or cannot be made.
     """
+    if len(parts := each_of(name)) > 1:
+        return SeveralTasks([make(part, **settings) for part in parts])
     parsed = names.parse(name)
     parsed = parsed._replace(arguments=parsed.arguments | settings)
     return MAKERS[parsed.origin](parsed)
+
+
+def each_of(name: str) -> list[str]:
+    """The names of the tasks in `TASK+TASK`; a list of the name itself if it names one task.
+
+    A `+` may also belong to an argument or to a path. It stands between tasks if what is on each side names a task.
+    """
+    parts = str(name).split("+")
+    if all(part and (part in TASKS or ":" in part or part.partition("?")[0] in TASKS) for part in parts):
+        return parts
+    return [str(name)]
 
 
 def brax_names() -> list[str]:

@@ -238,6 +238,8 @@ RECIPES: dict[str, dict[str, Section]] = {
     },
     "point_maze_left": MAZE,
     "point_maze_right": MAZE,
+    "point_maze_middle": MAZE,
+    "point_maze_double": MAZE,
     "ant": ANT,
     "crippled_ant": CRIPPLED_ANT,
     "half_cheetah": HALF_CHEETAH,

@@ -15,6 +15,7 @@ from eairl_jax.arguments import Range
 from eairl_jax.config import choose
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import OWN, parse
+from eairl_jax.envs.registry import each_of
 from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES, sections_of
 from eairl_jax.hparams import RANGES, check_hparams
 from eairl_jax.methods import EXACT_PHI, METHODS, uses_empowerment, with_method_defaults
@@ -132,7 +133,7 @@ def recipe(task: str, env: Task, purpose: str, overrides: dict[str, Any], tuned:
 
 def _merged(task: str, env: Task, purpose: str, overrides: dict[str, Any], tuned: bool) -> dict[str, Any]:
     """All sections that apply, the later ones on top."""
-    sections = sections_of_task(task, env)
+    sections, tasks = sections_of_task(task, env), each_of(task)
     merged = {"episode_length": env.episode_length}
     merged |= PURPOSE_DEFAULTS[purpose] | sections.get("all", {}) | sections.get(purpose, {})
     for name in ("reward_form", "method"):
@@ -144,17 +145,19 @@ def _merged(task: str, env: Task, purpose: str, overrides: dict[str, Any], tuned
                 f"--tuned: {task} has no tuned settings to {purpose}; these tasks have: {', '.join(tasks)}"
             )
         merged |= sections[f"{purpose} tuned"]
-    return merged | overrides
+    # Of several tasks as one, each has as many environments as it has alone.
+    return merged | {"num_envs": len(tasks) * merged.get("num_envs", Config.num_envs)} | overrides
 
 
 def has_recipe(task: str) -> bool:
-    """Whether a task has an entry of its own in `RECIPES`."""
-    return parse(task).origin == OWN and parse(task).name in RECIPES
+    """Whether a task has an entry of its own in `RECIPES`. The first of several tasks speaks for all."""
+    first = parse(each_of(task)[0])
+    return first.origin == OWN and first.name in RECIPES
 
 
 def sections_of_task(task: str, env: Task) -> dict[str, dict[str, Any]]:
     """The sections of a task, as `recipes.sections_of` gives them."""
-    base = parse(task).name if has_recipe(task) else task
+    base = parse(each_of(task)[0]).name if has_recipe(task) else task
     return sections_of(base, env.episode_length, hasattr(env, "obs_mean"))
 
 

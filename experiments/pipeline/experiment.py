@@ -20,13 +20,24 @@ from typing import Any, NamedTuple, TypeVar
 import jax
 import numpy as np
 
-from eairl_jax import Demonstrations, HParams, InputError, demonstrations, envs, evaluate, horizon, random_policy
+from eairl_jax import (
+    Demonstrations,
+    HParams,
+    InputError,
+    demonstrations,
+    envs,
+    evaluate,
+    horizon,
+    normalize,
+    random_policy,
+)
 from eairl_jax.config import Config
 from eairl_jax.discriminator import check_network
 from eairl_jax.discriminator_data import check_segments
 from eairl_jax.environment import check_env
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import file_name
+from eairl_jax.envs.registry import each_of
 from eairl_jax.experiments.display.console import say
 from eairl_jax.experiments.options import Bench, Imitate, Search, Sweep, Transfer
 from eairl_jax.experiments.pipeline import records, user_methods, user_networks
@@ -344,6 +355,7 @@ def transfers(options: Transfer) -> list[Experiment]:
       InputError: for anything that could not be trained, or tasks of different sizes.
     """
     refuse_other_sizes(options.source, options.target)
+    _refuse_unusable_rules(options)
     target = target_of(options)
     back_home = make_target(options.source, _retrain_settings(options), has_expert=False, on_nan=options.on_nan)
     uses = []
@@ -590,9 +602,38 @@ def explain_demonstrations(source: Source, recipes: list[Recipe]) -> None:
 
 
 def _source(task: str, env: Task, path: Path | None) -> Source:
+    if len(tasks := each_of(task)) > 1:
+        return _several_sources(task, tasks, env, path)
     path = path or default_demonstrations(task)
     demos = demonstrations.load(path, task, env.observation_size, env.action_size)
     return Source(task, env, demos, path, _reference(task, path, demos))
+
+
+def _several_sources(task: str, tasks: list[str], env: Task, path: Path | None) -> Source:
+    """Several sources as one. Its expert's return is the mean of theirs.
+
+    Args:
+      path: `FILE+FILE`, the demonstrations of each task; None for those that each task has.
+    """
+    paths = [Path(each) for each in str(path).split("+")] if path else [None] * len(tasks)
+    if len(paths) != len(tasks):
+        raise InputError(
+            f"--demos {path}: {len(paths)} file{'s' if len(paths) > 1 else ''} for the {len(tasks)} tasks {task}; "
+            "expected one for each, FILE+FILE"
+        )
+    sources = [_source(each, make_env(each), own) for each, own in zip(tasks, paths, strict=True)]
+    for source in sources:
+        demonstrations.check_fits(source.demos, source.env, str(source.demos_path))
+    steps = [len(source.demos.obs) for source in sources]
+    if max(steps) > 1.1 * min(steps):
+        say_once(f"{task}: {', '.join(map(str, steps))} demonstrated steps; a task counts as often as it has steps")
+    experts = [source.reference.expert for source in sources if source.reference.expert is not None]
+    reference = Reference(
+        float(np.mean(experts)) if len(experts) == len(sources) else None,
+        float(np.mean([source.reference.random for source in sources])),
+    )
+    demos = demonstrations.of_several([source.demos for source in sources])
+    return Source(task, env, demos, Path("+".join(source.demos_path.name for source in sources)), reference)
 
 
 def target_of(options: Transfer) -> Target:
@@ -670,12 +711,29 @@ def restored_target(settings: dict, path: Path) -> Target:
 
 def refuse_other_sizes(source: str, target: str) -> None:
     """Raises `InputError` unless both tasks have the same sizes of observations and actions."""
-    sizes = [(env.observation_size, env.action_size) for env in map(make_env, (source, target))]
+    if len(each_of(target)) > 1:
+        raise InputError(f"{target}: a reward is used in one task at a time; several tasks can only be the source")
+    sizes = [(reward_obs_size(env), env.action_size) for env in map(make_env, (source, target))]
     if sizes[0] != sizes[1]:
         raise InputError(
             f"a reward of {source} (observations of {sizes[0][0]}, actions of {sizes[0][1]}) does not fit {target} "
             f"({sizes[1][0]} and {sizes[1][1]}): choose tasks of the same sizes"
         )
+
+
+def _refuse_unusable_rules(options: Transfer) -> None:
+    """Raises `InputError` for a rule that needs one source where there are several."""
+    unusable = sorted({"policy", "source_retrain"} & set(options.rule))
+    if unusable and len(each_of(options.source)) > 1:
+        raise InputError(
+            f"--rule {' '.join(unusable)}: with several sources no policy acts and no reward is used in one source "
+            "alone; choose --rule last, iteration=N or random"
+        )
+
+
+def reward_obs_size(env: Task) -> int:
+    """The length of an observation as a learned reward sees it: without the entries that name one of several tasks."""
+    return normalize.flat_size(env) - getattr(env, "context_size", 0)
 
 
 def shipped_demonstrations(task: str) -> Path:

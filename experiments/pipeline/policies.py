@@ -18,7 +18,6 @@ from eairl_jax import (
     Lanes,
     LearnedPolicy,
     PolicyParams,
-    learned_reward,
     load_policy,
     make_rl,
     policy_params,
@@ -38,7 +37,7 @@ from eairl_jax.experiments.pipeline import (
 )
 from eairl_jax.experiments.pipeline.experiment import Experiment, make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
-from eairl_jax.experiments.pipeline.stages import best_restarts, describe, last_tenth, make_algorithm
+from eairl_jax.experiments.pipeline.stages import best_restarts, describe, last_tenth, learned_rewards, make_algorithm
 from eairl_jax.experiments.pipeline.train import take_lanes
 from eairl_jax.methods import with_method_defaults
 from eairl_jax.storage import read_json
@@ -188,7 +187,7 @@ def keep_points(path: Path, experiment: Experiment, algorithm: Algorithm, state:
                 experiment.recipe, hparams=dataclasses.replace(experiment.recipe.hparams, **point)
             )
             of_recipe = dataclasses.replace(experiment, recipe=recipe, seeds=seeds)
-            reward = describe(of_recipe, learned_reward(of_point), [iteration] * len(seeds))
+            reward = describe(of_recipe, learned_rewards(of_recipe, of_point), [iteration] * len(seeds))
             save_reward(folder / "reward", reward)
 
 

@@ -40,7 +40,15 @@ from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import file_name
 from eairl_jax.evaluation import reward_per_step
 from eairl_jax.experiments.pipeline import divergence, records
-from eairl_jax.experiments.pipeline.experiment import RANDOM_SEED, Experiment, Rule, Target, Use, snapshot_iterations
+from eairl_jax.experiments.pipeline.experiment import (
+    RANDOM_SEED,
+    Experiment,
+    Rule,
+    Target,
+    Use,
+    reward_obs_size,
+    snapshot_iterations,
+)
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, settings_digest
 from eairl_jax.experiments.pipeline.train import (
     JUDGE,
@@ -56,6 +64,7 @@ from eairl_jax.experiments.pipeline.train import (
     train,
 )
 from eairl_jax.experiments.settings import Recipe, divisor
+from eairl_jax.irl import RewardParams
 from eairl_jax.lanes import shards_for
 from eairl_jax.methods import METHODS, with_method_defaults
 from eairl_jax.plans import Search, make_planner
@@ -127,7 +136,7 @@ def learn(folder: RunFolder, experiment: Experiment, shared: Learner | None = No
         lanes = lanes.with_hparams(_hparams(experiment))
 
     def save_snapshot(iteration: int, state: PyTree) -> None:
-        reward = describe(experiment, learned_reward(state), [iteration] * len(labels))
+        reward = describe(experiment, learned_rewards(experiment, state), [iteration] * len(labels))
         save_reward(snapshot_path(folder, iteration), reward)
 
     title = f"{experiment.learning_name} in {experiment.source.task}"
@@ -151,7 +160,12 @@ def _hparams(experiment: Experiment) -> HParams:
 def untrained(experiment: Experiment) -> PyTree:
     """The rewards `[seeds, ...]` before the first iteration: networks with random weights."""
     lanes = learner(experiment).lanes
-    return learned_reward(lanes.take(lanes.init()))
+    return learned_rewards(experiment, lanes.take(lanes.init()))
+
+
+def learned_rewards(experiment: Experiment, state: PyTree) -> RewardParams:
+    """The learned rewards of states, as functions of one task's observations, also if there are several sources."""
+    return learned_reward(state, getattr(experiment.source.env, "context_size", 0))
 
 
 def snapshot_path(folder: RunFolder, iteration: int) -> Path:
@@ -179,7 +193,7 @@ def describe(experiment: Experiment, params: PyTree, iterations: list[int]) -> L
     source, config = experiment.source, experiment.config
     description = {
         "task": source.task,
-        "obs_size": source.env.observation_size,
+        "obs_size": reward_obs_size(source.env),
         "action_size": source.env.action_size,
         "action_limit": source.env.action_limit,
         "method": config.method,

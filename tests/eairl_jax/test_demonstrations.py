@@ -276,3 +276,17 @@ def test_a_change_after_the_writing_is_found(path):
         demonstrations.load(path)
     np.savez(path, **{name: x for name, x in arrays.items() if name != "checksum"})
     assert demonstrations.load(path).reward.sum() == arrays["reward"].sum()
+
+
+def test_demonstrations_of_several_tasks_say_which_task_each_step_is_of(good):
+    short = good._replace(action=None, lengths=good.lengths)
+    both = demonstrations.of_several([good, good])
+    steps, size = good.obs.shape
+    assert both.obs.shape == both.next_obs.shape == (2 * steps, size + 2)
+    np.testing.assert_array_equal(both.obs[steps:, :size], good.obs)
+    np.testing.assert_array_equal(both.obs[:, size:], np.repeat(np.eye(2), steps, axis=0))
+    np.testing.assert_array_equal(both.next_obs[:, size:], both.obs[:, size:])
+    np.testing.assert_array_equal(both.lengths, [*good.lengths, *good.lengths])
+    assert both.action.shape == (2 * steps, good.action.shape[1])
+    assert both.obs.dtype == np.float32
+    assert demonstrations.of_several([good, short]).action is None

@@ -13,6 +13,7 @@ from eairl_jax import (
     HParams,
     InputError,
     RewardParams,
+    discriminator,
     discriminator_data,
     empowerment,
     envs,
@@ -407,3 +408,40 @@ def test_a_policy_starts_anew_and_its_reward_does_not(built, flat):
     np.testing.assert_allclose(stds, [4.0, 4.0, 1.0, 4.0, 1.0, 4.0], rtol=1e-5)
     updates = [int(state.discriminator.adam.count) for state in states]
     assert updates == [2 * i for i in range(6)]
+
+
+def test_a_reward_of_several_sources_does_not_see_which_one_it_is(toy, tiny, transitions):
+    """The potential h and the policy do. What is left is a reward of the tasks' own observations."""
+    env = toy()
+    env.context_size = 2
+    config = tiny(method="airl_sa")
+    state = make_irl(env, config).init(jax.random.PRNGKey(0), HParams())
+    params, raw = state.discriminator.params, transitions()
+    inner = dataclasses.replace(with_method_defaults(config), context_size=2)
+    obs, other = raw.obs, raw.obs.copy()
+    other[..., 2:] += 1.0
+
+    def logit(obs):
+        samples = discriminator.Samples(obs, raw.action, raw.next_obs, raw.terminated, raw.log_prob, 0.0)
+        return discriminator.logit_expert_high(params, samples, GAMMA, inner)
+
+    seen, changed = (discriminator.reward(params, x, raw.action, inner) for x in (obs, other))
+    np.testing.assert_array_equal(seen, changed)
+    assert np.abs(np.asarray(logit(obs) - logit(other))).max() > 1e-3  # the shaping sees the source
+    learned = learned_reward(state, context_size=2)
+    alone = reward_function(config)(learned, raw.obs[..., :2], raw.action)
+    np.testing.assert_allclose(alone, seen, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"context_size": 1}, "context_size = 1: this task has 2"),
+        ({"horizon": "absorbing"}, "horizon absorbing is not possible with several sources"),
+    ],
+)
+def test_settings_that_several_sources_cannot_have_are_refused(toy, tiny, changes, message):
+    env = toy()
+    env.context_size = 2
+    with pytest.raises(InputError, match=message):
+        make_irl(env, tiny(method="airl_sa", **changes))

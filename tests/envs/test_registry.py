@@ -16,6 +16,8 @@ SIZES = {
     "pendulum": (3, 1),
     "point_maze_left": (2, 2),
     "point_maze_right": (2, 2),
+    "point_maze_middle": (2, 2),
+    "point_maze_double": (2, 2),
     "ant": (27, 8),
     "crippled_ant": (27, 8),
     "half_cheetah": (17, 6),
@@ -37,6 +39,22 @@ def test_an_unknown_name_is_answered_with_the_nearest(name, nearest):
     with pytest.raises(envs.UnknownTask, match=f"unknown task '{name}'; did you mean {nearest}") as e:
         envs.make(name)
     assert all(task in str(e.value) for task in envs.TASKS)
+
+
+@pytest.mark.parametrize(
+    ("name", "parts"),
+    [
+        ("ant+crippled_ant", ["ant", "crippled_ant"]),
+        ("ant?gear=10+brax:ant", ["ant?gear=10", "brax:ant"]),
+        ("pendulum+mine.py:make", ["pendulum", "mine.py:make"]),
+        ("brax:ant?speed=1e+5", ["brax:ant?speed=1e+5"]),
+        ("a+b/tasks.py:make", ["a+b/tasks.py:make"]),
+        ("c++/tasks.py:make", ["c++/tasks.py:make"]),
+        ("pendulum+", ["pendulum+"]),
+    ],
+)
+def test_a_plus_between_names_of_tasks_means_several(name, parts):
+    assert registry.each_of(name) == parts
 
 
 def test_settings_reach_the_task():

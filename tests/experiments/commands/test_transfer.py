@@ -1,6 +1,7 @@
 """`eairl transfer`: from demonstrations to a score in another task."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -85,3 +86,42 @@ def test_every_method_moves_its_reward_to_the_crippled_ant(tmp_path, tiny, run, 
     for folder in folders:
         assert np.isfinite(json.loads((folder / "summary.json").read_text())["returns"]).all()
         assert load_reward(folder / "reward").description["task"] == "ant"
+
+
+@pytest.mark.slow
+def test_one_reward_is_learned_from_two_sources_and_used_in_a_third_task(tmp_path, tiny, capsys, run, retrain_settings):
+    mazes = "point_maze_left+point_maze_right"
+    arguments = ["transfer", mazes, "point_maze_middle", "--seeds", 2, "--restarts", 1, "--out", tmp_path]
+    settings = ["--set", *tiny, "--retrain-set", *retrain_settings]
+    assert run(*arguments, "--rule", "last", "random", *settings) == 0
+    folders = sorted(tmp_path.glob("transfer-*"))
+    assert len(folders) == 2
+    for folder in folders:
+        summary = json.loads((folder / "summary.json").read_text())
+        assert (summary["task"], summary["target"]) == (mazes, "point_maze_middle")
+        assert np.isfinite(summary["returns"]).all()
+        reward = load_reward(folder / "reward")
+        assert reward.description["obs_size"] == 2
+        assert np.isfinite(reward(np.zeros((3, 2)), np.zeros((3, 2)), seed=1)).all()
+    (learned,) = tmp_path.glob("learn-*")
+    policy = load_policy(tmp_path / folders[0].name / "policy")
+    assert policy.description["obs_size"] == 2  # of the third task
+    # The same reward can be used again, in a task of its own.
+    again = ["transfer", mazes, "point_maze_left", "--reward", folders[0] / "reward", "--out", tmp_path / "again"]
+    assert run(*again, "--retrain-set", *retrain_settings) == 0
+    assert (learned / "snapshots").is_dir()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["pendulum+pendulum", "pendulum", "--rule", "policy"], "--rule policy: with several sources no policy acts"),
+        (["pendulum", "pendulum+pendulum"], "a reward is used in one task at a time"),
+        (["pendulum+swimmer", "pendulum"], "need the same observation_size, and these have 3, 8"),
+        (["pendulum+pendulum", "pendulum", "--rule", "last", "--demos", "a.npz"], "1 file for the 2 tasks"),
+        (["pendulum+pendulum", "swimmer", "--rule", "last"], "observations of 3, actions of 1\\) does not fit swimmer"),
+    ],
+)
+def test_impossible_sources_are_refused(capsys, tmp_path, run, arguments, message):
+    assert run("transfer", *arguments, "--out", tmp_path) == 2
+    assert re.search(message, " ".join(capsys.readouterr().err.split()))
