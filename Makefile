@@ -101,7 +101,7 @@ bench: $(STAMP)
 	@$(BIN)/eairl bench point_maze_left
 
 data: $(STAMP)
-	@for task in pendulum:4 point_maze_left:4 point_maze_right:4 swimmer:2 half_cheetah:2 ant:1 crippled_ant:1; do \
+	@for task in pendulum:4 point_maze_left:4 point_maze_right:4 point_maze_middle:4 point_maze_double:4 swimmer:2 half_cheetah:2 ant:1 crippled_ant:1; do \
 		name=$${task%:*}; \
 		$(BIN)/eairl expert $$name --seeds $${task#*:} && \
 		$(BIN)/eairl demos $$name --out experiments/data/$$name.npz || exit 1; \

@@ -361,7 +361,7 @@ class Transfer:
     last checkpoint when the same command is given again.
     """
 
-    source: Annotated[Positional[str], arg(metavar="SOURCE", help="Task that was demonstrated.")]
+    source: Annotated[Positional[str], arg(metavar="SOURCE", help="Task that was demonstrated, or several: TASK+TASK.")]
     target: Annotated[Positional[str], arg(metavar="TARGET", help="Task in which the reward is used.")]
     method: Methods = ("eairl",)
     reward_form: Forms = ("default",)
@@ -418,10 +418,10 @@ class Reproduce:
     """
 
     name: Annotated[
-        Positional[Literal["table1", "table2", "figure2", "appendix-c", "ablations", "all"]],
+        Positional[Literal["table1", "table2", "figure2", "appendix-c", "ablations", "sources", "all"]],
         arg(
             help="Reward transfer; imitation; curves of the transfer; paths and gaits; EAIRL with one setting changed; "
-            "all of them."
+            "rewards from one source and from two; all of them."
         ),
     ]
     quick: bool = False

@@ -71,7 +71,8 @@ def retrain_variant(retrain_settings: tuple[str, ...]) -> str:
 Pair = tuple[str, str]  # source and target
 MethodForm = tuple[str, str]  # a method and a reward form
 
-TASKS_BY_COST = ("point_maze_left", "point_maze_right", "pendulum", "swimmer", "half_cheetah", "ant")
+BOTH_MAZES = "point_maze_left+point_maze_right"
+TASKS_BY_COST = ("point_maze_left", "point_maze_right", BOTH_MAZES, "pendulum", "swimmer", "half_cheetah", "ant")
 MAZES: tuple[Pair, Pair] = (("point_maze_left", "point_maze_right"), ("point_maze_right", "point_maze_left"))
 ANTS: Pair = ("ant", "crippled_ant")
 IMITATED = ("pendulum", "swimmer", "half_cheetah", "ant")
@@ -171,6 +172,22 @@ def _table1() -> list[Planned]:
     return planned + [Planned(ANTS[0], method, form, ANTS[1], tuned=True) for method, form in TRANSFERRED[:3]]
 
 
+def _sources() -> list[Planned]:
+    """Rewards from one maze and from two, used in a maze that is neither: `docs/results.md`, "Several sources"."""
+    methods: tuple[MethodForm, ...] = (
+        ("eairl", "default"),
+        ("airl_sa", "default"),
+        ("airl_s", "default"),
+        ("eairl", "separable"),
+    )
+    return [
+        Planned(source, method, form, target)
+        for method, form in methods
+        for source in (BOTH_MAZES, "point_maze_left", "point_maze_right")
+        for target in ("point_maze_middle", "point_maze_double")
+    ]
+
+
 def _table2() -> list[Planned]:
     return [
         *(Planned(task, method) for task in IMITATED for method in IMITATORS),
@@ -190,7 +207,10 @@ EXPERIMENTS: dict[str, list[Planned]] = {
         *_exact_phi(MAZES[1], others=(("shaping=none",),)),
         *_ant_ablations(ANTS),
     ],
+    "sources": _sources(),
 }
+OURS = ("ablations", "sources")
+"""Tables that the paper does not have."""
 # The experiment whose results each figure shows.
 FIGURES = {"figure2": "table1", "appendix-c": "table1"}
 
@@ -204,11 +224,12 @@ def is_wanted(planned: Planned, tasks: tuple[str, ...], quick: bool) -> bool:
 
 
 def cheapest_first(plan: dict[str, list[Planned]]) -> list[tuple[str, Planned]]:
-    """Pairs of table and planned experiment: by task, imitations before transfers, and all ablations last."""
+    """Pairs of table and planned experiment: by task, imitations before transfers, and the paper's tables first."""
 
-    def cost(pair: tuple[str, Planned]) -> tuple[bool, int, bool]:
+    def cost(pair: tuple[str, Planned]) -> tuple[int, int, bool]:
         table, planned = pair
-        return table == "ablations", TASKS_BY_COST.index(planned.task), planned.target is not None
+        last = OURS.index(table) + 1 if table in OURS else 0
+        return last, TASKS_BY_COST.index(planned.task), planned.target is not None
 
     return sorted(((table, planned) for table, experiments in plan.items() for planned in experiments), key=cost)
 

@@ -355,7 +355,11 @@ def transfers(options: Transfer) -> list[Experiment]:
       InputError: for anything that could not be trained, or tasks of different sizes.
     """
     refuse_other_sizes(options.source, options.target)
-    _refuse_unusable_rules(options)
+    if "policy" in options.rule and len(each_of(options.source)) > 1:
+        raise InputError(
+            f"--rule policy: the policy of {options.source} reads which source it is in, and {options.target} is none "
+            "of them; choose another rule"
+        )
     target = target_of(options)
     back_home = make_target(options.source, _retrain_settings(options), has_expert=False, on_nan=options.on_nan)
     uses = []
@@ -718,16 +722,6 @@ def refuse_other_sizes(source: str, target: str) -> None:
         raise InputError(
             f"a reward of {source} (observations of {sizes[0][0]}, actions of {sizes[0][1]}) does not fit {target} "
             f"({sizes[1][0]} and {sizes[1][1]}): choose tasks of the same sizes"
-        )
-
-
-def _refuse_unusable_rules(options: Transfer) -> None:
-    """Raises `InputError` for a rule that needs one source where there are several."""
-    unusable = sorted({"policy", "source_retrain"} & set(options.rule))
-    if unusable and len(each_of(options.source)) > 1:
-        raise InputError(
-            f"--rule {' '.join(unusable)}: with several sources no policy acts and no reward is used in one source "
-            "alone; choose --rule last, iteration=N or random"
         )
 
 

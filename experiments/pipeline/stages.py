@@ -336,8 +336,10 @@ class Training:
         """The reward as `make_rl` takes it."""
         if self.reward is None:
             return true_reward
-        function = reward_function(self.reward.config)
-        return lambda params, batch: function(params, batch.obs, batch.action)
+        function, env = reward_function(self.reward.config), self.target.env
+        # Several sources are a target where `source_retrain` compares rewards: a reward sees the tasks' own entries.
+        end = reward_obs_size(env) if hasattr(env, "context_size") else None
+        return lambda params, batch: function(params, batch.obs[..., :end], batch.action)
 
     def algorithm(self, labels: list[Lane]) -> Algorithm:
         """Reinforcement learning on the reward, in as many lanes as there are labels."""

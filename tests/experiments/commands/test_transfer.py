@@ -93,7 +93,7 @@ def test_one_reward_is_learned_from_two_sources_and_used_in_a_third_task(tmp_pat
     mazes = "point_maze_left+point_maze_right"
     arguments = ["transfer", mazes, "point_maze_middle", "--seeds", 2, "--restarts", 1, "--out", tmp_path]
     settings = ["--set", *tiny, "--retrain-set", *retrain_settings]
-    assert run(*arguments, "--rule", "last", "random", *settings) == 0
+    assert run(*arguments, "--rule", "source_retrain", "random", *settings) == 0
     folders = sorted(tmp_path.glob("transfer-*"))
     assert len(folders) == 2
     for folder in folders:
@@ -115,7 +115,10 @@ def test_one_reward_is_learned_from_two_sources_and_used_in_a_third_task(tmp_pat
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["pendulum+pendulum", "pendulum", "--rule", "policy"], "--rule policy: with several sources no policy acts"),
+        (
+            ["pendulum+pendulum", "pendulum", "--rule", "policy"],
+            "--rule policy: the policy of pendulum.pendulum reads which source it is in",
+        ),
         (["pendulum", "pendulum+pendulum"], "a reward is used in one task at a time"),
         (["pendulum+swimmer", "pendulum"], "need the same observation_size, and these have 3, 8"),
         (["pendulum+pendulum", "pendulum", "--rule", "last", "--demos", "a.npz"], "1 file for the 2 tasks"),
