@@ -133,7 +133,7 @@ def recipe(task: str, env: Task, purpose: str, overrides: dict[str, Any], tuned:
 
 def _merged(task: str, env: Task, purpose: str, overrides: dict[str, Any], tuned: bool) -> dict[str, Any]:
     """All sections that apply, the later ones on top."""
-    sections, tasks = sections_of_task(task, env), each_of(task)
+    sections = sections_of_task(task, env)
     merged = {"episode_length": env.episode_length}
     merged |= PURPOSE_DEFAULTS[purpose] | sections.get("all", {}) | sections.get(purpose, {})
     for name in ("reward_form", "method"):
@@ -146,7 +146,7 @@ def _merged(task: str, env: Task, purpose: str, overrides: dict[str, Any], tuned
             )
         merged |= sections[f"{purpose} tuned"]
     # Of several tasks as one, each has as many environments as it has alone.
-    return merged | {"num_envs": len(tasks) * merged.get("num_envs", Config.num_envs)} | overrides
+    return merged | {"num_envs": len(each_of(task)) * merged.get("num_envs", Config.num_envs)} | overrides
 
 
 def has_recipe(task: str) -> bool:

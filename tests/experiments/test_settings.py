@@ -102,3 +102,13 @@ def test_an_absurd_float_is_refused_from_the_command_line_and_from_python(value)
             recipe("pendulum", env, "retrain", overrides)
         with pytest.raises(InputError, match=f"{name} = .*: expected a number"):
             check_hparams(replace(whole[cls], **{name: float(value)}))
+
+
+@pytest.mark.parametrize("tuned", [False, True])
+def test_each_of_several_sources_has_as_many_environments_as_alone(tuned):
+    env = make_env("ant")
+    alone = recipe("ant", env, "reward", {}, tuned)
+    both = recipe("ant+crippled_ant", env, "reward", {}, tuned)
+    assert both.config.num_envs == 2 * alone.config.num_envs
+    assert replace(both.config, num_envs=alone.config.num_envs) == alone.config
+    assert recipe("ant+crippled_ant", env, "reward", {"num_envs": 16}, tuned).config.num_envs == 16
