@@ -563,6 +563,48 @@ LIBRARY = bugs_of(
         "action = action + std**2 * rng",
         "eairl_jax/test_saved_policy.py",
     ),
+    (
+        "capacity-of-uniform-inputs",
+        "exact_empowerment.py",
+        "jax.nn.log_softmax(w + divergence(w))",
+        "jax.nn.log_softmax(w + 0.0 * divergence(w))",
+        "eairl_jax/test_exact_empowerment.py",
+    ),
+    (
+        "exact-phi-of-the-other-axis",
+        "exact_empowerment.py",
+        "list(jnp.moveaxis(place, -1, 0))",
+        "list(jnp.moveaxis(place, -1, 0))[::-1]",
+        "eairl_jax/test_exact_empowerment.py",
+    ),
+    (
+        "exact-phi-of-normalised-observations",
+        "discriminator_data.py",
+        "exact_empowerment.phi(exact_phi, raw.obs), exact",
+        "exact_empowerment.phi(exact_phi, x.obs), exact",
+        "eairl_jax/test_exact_empowerment.py",
+    ),
+    (
+        "reward-sees-the-source",
+        "discriminator.py",
+        "return obs[..., : obs.shape[-1] - config.context_size]",
+        "return obs",
+        "eairl_jax/test_irl.py::test_a_reward_of_several_sources_does_not_see_which_one_it_is",
+    ),
+    (
+        "demonstrations-of-the-wrong-source",
+        "demonstrations.py",
+        "np.repeat(np.eye(len(parts), dtype=np.float32), steps, axis=0)",
+        "np.repeat(np.eye(len(parts), dtype=np.float32)[::-1], steps, axis=0)",
+        "eairl_jax/test_demonstrations.py",
+    ),
+    (
+        "what-one-source-leaves-open",
+        "identifiability.py",
+        "for image in (_image(source, gamma) for source in sources)]",
+        "for image in (_image(source, gamma) for source in sources[:1])]",
+        "eairl_jax/test_identifiability.py",
+    ),
 )
 
 FAST_STEPS = "envs/test_locomotion.py::test_fast_steps_are_the_c_engines_on_the_same_model"
@@ -669,6 +711,13 @@ PHYSICS = bugs_of(
         "(after.qpos[2] < 0.2)",
         "(physics.qpos[2] < 0.2)",
         "envs/test_ant.py::test_being_near_the_ground_costs_one",
+    ),
+    (
+        "an-episode-of-the-first-task-always",
+        "several.py",
+        "jax.random.randint(jax.random.fold_in(rng, 1), (), 0, len(self.tasks))",
+        "jax.random.randint(jax.random.fold_in(rng, 1), (), 0, 1)",
+        "envs/test_several.py",
     ),
 )
 
