@@ -108,8 +108,9 @@ def test_the_barrier_can_be_passed_where_its_name_says_and_nowhere_else(passage,
     if passes:
         np.testing.assert_allclose(path[-1], GOAL, atol=0.02)
     else:
-        # Before the point heads for the goal: along the barrier it would come to a passage in the middle.
-        assert path[:-30, 1].max() < {"double": 0.33}.get(passage, 0.26)
+        # Where the passage is in the middle, the point comes to it along the barrier as soon as it heads for the goal.
+        path = path[:-30] if passage == "middle" else path
+        assert path[:, 1].max() < {"double": 0.33}.get(passage, 0.26)
 
 
 def test_episodes_start_in_the_middle_almost_at_rest():
