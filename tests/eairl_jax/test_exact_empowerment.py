@@ -1,5 +1,6 @@
 """Exact empowerment: capacities that are known, a potential of the maze, and the shaping that it makes."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import jax
@@ -7,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from eairl_jax import HParams, InputError, envs, exact_empowerment, make_irl
+from eairl_jax import HParams, InputError, envs, exact_empowerment, horizon, make_irl
 from eairl_jax.discriminator_data import for_loss, for_policy_reward
 from eairl_jax.gaussian import Gaussian
 from eairl_jax.normalize import ObsStats
@@ -152,3 +153,15 @@ def test_a_task_without_an_exact_phi_is_refused(maze_config, task, message):
 def test_other_shapings_ask_nothing_of_the_task(tiny):
     exact_empowerment.check(envs.make("pendulum"), tiny())
     assert exact_empowerment.potential(envs.make("pendulum"), tiny()) == ()
+
+
+def test_a_task_whose_episodes_go_on_after_their_end_starts_at_rest_as_before(toy, tiny):
+    class Rests(toy):
+        def at_rest(self, obs):
+            return dataclasses.replace(self.reset(jax.random.PRNGKey(0)), obs=obs)
+
+    env, obs = horizon.learning_env(Rests(ends_at=1), tiny(horizon="fixed")), jnp.array([0.0, 0.1, 0.2, 1.5])
+    state = env.at_rest(obs)
+    np.testing.assert_array_equal(state.obs, obs)
+    assert not env.step(env.step(state, jnp.zeros(2)), jnp.zeros(2)).done  # beyond the end at step 1
+    assert not hasattr(horizon.learning_env(toy(ends_at=1), tiny(horizon="fixed")), "at_rest")
