@@ -204,10 +204,10 @@ class Config:
         for name in AT_LEAST_1:
             if getattr(self, name) < 1:
                 raise InputError(f"{name} = {shown(getattr(self, name))}: expected at least 1")
-        for name in ("history_length", "policy_reset_every", "episode_length", "context_size"):
+        for name in AT_LEAST_0:
             if getattr(self, name) < 0:
                 raise InputError(f"{name} = {shown(getattr(self, name))}: expected 0 or more")
-        for name in (*AT_LEAST_1, "history_length", "policy_reset_every", "episode_length", "context_size"):
+        for name in (*AT_LEAST_1, *AT_LEAST_0):
             if getattr(self, name) > LARGEST_COUNT:
                 raise InputError(f"{name} = {shown(getattr(self, name))}: expected at most {LARGEST_COUNT}")
         if self.steps_per_iteration > LARGEST_COUNT:
@@ -265,6 +265,8 @@ AT_LEAST_1 = (
     "cg_iterations",
     "line_search_steps",
 )
+
+AT_LEAST_0 = ("history_length", "policy_reset_every", "episode_length", "context_size")
 
 PENALTIES = ("gradient", "action_variance", "input_sparsity")
 

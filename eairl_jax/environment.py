@@ -83,6 +83,11 @@ def check_steps(env: Any) -> None:
         )
 
 
+def context_size(env: Any) -> int:
+    """How many entries at the end of an observation say which of several tasks it is of; 0 for a single task."""
+    return getattr(env, "context_size", 0)
+
+
 def _name(env: Any) -> str:
     return f"{type(env).__module__.partition('.')[0]}.{type(env).__qualname__}"
 

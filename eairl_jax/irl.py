@@ -27,7 +27,7 @@ from eairl_jax import (
     train_state,
 )
 from eairl_jax.config import Config
-from eairl_jax.environment import check_env
+from eairl_jax.environment import check_env, context_size
 from eairl_jax.errors import InputError
 from eairl_jax.hparams import check_hparams
 from eairl_jax.policy_optimizers import make_optimizer
@@ -161,7 +161,7 @@ def _learned_in(env: Env, config: Config) -> tuple[Env, Config]:
 
 def _with_context(env: Env, config: Config) -> Config:
     """The configuration with the environment's `context_size`."""
-    size = getattr(env, "context_size", 0)
+    size = context_size(env)
     if config.context_size not in (0, size):
         raise InputError(f"context_size = {config.context_size}: this task has {size}; leave the setting out")
     if size and config.horizon == "absorbing":

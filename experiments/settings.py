@@ -14,7 +14,7 @@ from eairl_jax import Config, HParams, InputError
 from eairl_jax.arguments import Range
 from eairl_jax.config import choose
 from eairl_jax.envs.mjx_task import Task
-from eairl_jax.envs.names import OWN, parse
+from eairl_jax.envs.names import OWN, TaskName, parse
 from eairl_jax.envs.registry import each_of
 from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES, sections_of
 from eairl_jax.hparams import RANGES, check_hparams
@@ -151,13 +151,17 @@ def _merged(task: str, env: Task, purpose: str, overrides: dict[str, Any], tuned
 
 def has_recipe(task: str) -> bool:
     """Whether a task has an entry of its own in `RECIPES`. The first of several tasks speaks for all."""
-    first = parse(each_of(task)[0])
+    first = _first(task)
     return first.origin == OWN and first.name in RECIPES
+
+
+def _first(task: str) -> TaskName:
+    return parse(each_of(task)[0])
 
 
 def sections_of_task(task: str, env: Task) -> dict[str, dict[str, Any]]:
     """The sections of a task, as `recipes.sections_of` gives them."""
-    base = parse(each_of(task)[0]).name if has_recipe(task) else task
+    base = _first(task).name if has_recipe(task) else task
     return sections_of(base, env.episode_length, hasattr(env, "obs_mean"))
 
 

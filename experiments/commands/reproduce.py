@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eairl_jax import InputError
-from eairl_jax.envs.registry import each_of
+from eairl_jax.environment import context_size
 from eairl_jax.experiments.display import page, score_page
 from eairl_jax.experiments.display.console import Line, print_table, say, table_of
 from eairl_jax.experiments.display.plots import Dots
@@ -163,8 +163,8 @@ def train(experiment: Experiment, out: Path, command_line: str) -> Result:
         return result
     if use.rule.kind == "last" and use.target.task != experiment.source.task:
         # With several sources there is no one source in which the learned and the true reward could be compared.
-        is_one = len(each_of(experiment.source.task)) == 1
-        distances = reward_distance.of_transfer(learning_folder(experiment, out).path, path) if is_one else None
+        is_several = context_size(experiment.source.env) > 0
+        distances = None if is_several else reward_distance.of_transfer(learning_folder(experiment, out).path, path)
         # The diagnosis of an earlier call, until `diagnosed` makes a new one.
         diagnosis = read_json(path / FILE) if (path / FILE).exists() else None
         if diagnosis is not None:

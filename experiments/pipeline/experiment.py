@@ -34,7 +34,7 @@ from eairl_jax import (
 from eairl_jax.config import Config
 from eairl_jax.discriminator import check_network
 from eairl_jax.discriminator_data import check_segments
-from eairl_jax.environment import check_env
+from eairl_jax.environment import check_env, context_size
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import file_name
 from eairl_jax.envs.registry import each_of
@@ -727,7 +727,7 @@ def refuse_other_sizes(source: str, target: str) -> None:
 
 def reward_obs_size(env: Task) -> int:
     """The length of an observation as a learned reward sees it: without the entries that name one of several tasks."""
-    return normalize.flat_size(env) - getattr(env, "context_size", 0)
+    return normalize.flat_size(env) - context_size(env)
 
 
 def shipped_demonstrations(task: str) -> Path:

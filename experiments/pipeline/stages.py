@@ -36,6 +36,7 @@ from eairl_jax import (
     save_reward,
 )
 from eairl_jax.agent import clip_actions
+from eairl_jax.environment import context_size
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import file_name
 from eairl_jax.evaluation import reward_per_step
@@ -165,7 +166,7 @@ def untrained(experiment: Experiment) -> PyTree:
 
 def learned_rewards(experiment: Experiment, state: PyTree) -> RewardParams:
     """The learned rewards of states, as functions of one task's observations, also if there are several sources."""
-    return learned_reward(state, getattr(experiment.source.env, "context_size", 0))
+    return learned_reward(state, context_size(experiment.source.env))
 
 
 def snapshot_path(folder: RunFolder, iteration: int) -> Path:
@@ -338,7 +339,7 @@ class Training:
             return true_reward
         function, env = reward_function(self.reward.config), self.target.env
         # Several sources are a target where `source_retrain` compares rewards: a reward sees the tasks' own entries.
-        end = reward_obs_size(env) if hasattr(env, "context_size") else None
+        end = reward_obs_size(env) if context_size(env) else None
         return lambda params, batch: function(params, batch.obs[..., :end], batch.action)
 
     def algorithm(self, labels: list[Lane]) -> Algorithm:
