@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from eairl_jax import Demonstrations, InputError, demonstrations, minari_sets
 from eairl_jax.demonstration_files import read
+from eairl_jax.envs import registry
 
 pytestmark = pytest.mark.extras
 minari = pytest.importorskip("minari")
@@ -71,8 +72,8 @@ def test_shipped_demonstrations_return_bit_by_bit_in_little_time_and_memory(path
         tracemalloc.stop()
 
 
-def test_there_are_seven_shipped_sets():
-    assert len(SHIPPED) == 7
+def test_every_task_of_ours_ships_a_set():
+    assert {path.stem for path in SHIPPED} == set(registry.TASKS)
 
 
 @settings(max_examples=30)
