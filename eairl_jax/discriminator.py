@@ -72,18 +72,33 @@ def init(key: Key, obs_size: int, action_size: int, config: Config) -> PyTree:
     "g" of the reward, "k" of a separable reward's action part, "h" of a learned potential, "d" of a classifier beside
     the reward (`Method.reward_loss`).
     """
-    g_key, k_key, h_key = jax.random.split(key, 3)
     obs, action, net = jnp.zeros((1, obs_size)), jnp.zeros((1, action_size)), nets.scalar(config)
-    seen = _seen(obs, config)
-    params = {"g": net.init(g_key, seen, action) if config.reward_form == "sa" else net.init(g_key, seen)}
-    if config.reward_form == "separable":
-        quadratic = config.action_part == "quadratic"
-        params["k"] = {"raw_cost": jnp.full((), RAW_COST_INIT)} if quadratic else net.init(k_key, action)
+    params = init_reward(key, obs_size - config.context_size, action_size, config)
     if config.shaping in LEARNED_H:
-        params["h"] = net.init(h_key, obs)
+        params["h"] = net.init(_keys(key)[2], obs)
     if METHODS[config.method].reward_loss:
         params["d"] = net.init(jax.random.fold_in(key, 1), *_classified(obs, action, config))
     return params
+
+
+def init_reward(key: Key, obs_size: int, action_size: int, config: Config) -> PyTree:
+    """Fresh parameters of a reward: "g", and "k" of a separable reward's action part.
+
+    Args:
+      obs_size: of the observation that the reward sees, without `Config.context_size`.
+    """
+    g_key, k_key, _ = _keys(key)
+    obs, action, net = jnp.zeros((1, obs_size)), jnp.zeros((1, action_size)), nets.scalar(config)
+    params = {"g": net.init(g_key, obs, action) if config.reward_form == "sa" else net.init(g_key, obs)}
+    if config.reward_form == "separable":
+        quadratic = config.action_part == "quadratic"
+        params["k"] = {"raw_cost": jnp.full((), RAW_COST_INIT)} if quadratic else net.init(k_key, action)
+    return params
+
+
+def _keys(key: Key) -> Key:
+    """The keys `[3]` of g, k and h."""
+    return jax.random.split(key, 3)
 
 
 def _seen(obs: jax.Array, config: Config) -> jax.Array:

@@ -372,10 +372,12 @@ class Transfer:
         tuple[str, ...],
         arg(
             metavar="RULE",
-            help="The iteration whose reward is used: last, iteration=N, or source_retrain (train policies in SOURCE "
-            "on every kept snapshot and use the best by SOURCE's true return). To compare with: random (the reward "
-            "before learning) and policy (no reward: the imitating policy is scored in TARGET). No rule looks at "
-            "TARGET. Several rules share one learning and get a line each.",
+            help="The reward that is used: of an iteration, by last, iteration=N, or source_retrain (train policies in "
+            "SOURCE on every kept snapshot and use the best by SOURCE's true return); or a new one, fitted to episodes "
+            "of the imitating policy in which more and more actions are random, by d_rex (less noise is better) or "
+            "ssrr (follow the learned reward's ratings). To compare with: random (the reward before learning) and "
+            "policy (no reward: the imitating policy is scored in TARGET). No rule looks at TARGET. Several rules "
+            "share one learning and get a line each.",
         ),
     ] = ("source_retrain",)
     horizon: Horizon = None
@@ -481,6 +483,27 @@ class Evaluate:
     out: Annotated[
         Path | None, explained(metavar="DIR", help="Folder of the figure and the page. Default: runs/evaluate-...")
     ] = None
+    json: Json = None
+
+
+@dataclass(frozen=True)
+class Correlate:
+    """Compare a learned reward with the true one: do their returns of the same episodes agree?
+
+    Take episodes that the reward was not learned from, of good and of bad policies. An episode's return is the sum of
+    its rewards.
+    """
+
+    reward: Annotated[
+        Positional[Path], arg(metavar="REWARD", help="Folder of a learned reward, or of a run that has one.")
+    ]
+    demos: Annotated[
+        tuple[Path, ...],
+        arg(
+            metavar="FILE",
+            help="Episodes with actions and true rewards, of any format that `eairl demos --from` reads.",
+        ),
+    ]
     json: Json = None
 
 
@@ -628,6 +651,7 @@ COMMANDS = {
     "clean": Clean,
     "report": Report,
     "evaluate": Evaluate,
+    "correlate": Correlate,
     "export": Export,
     "diagnose": Diagnose,
     "view": View,

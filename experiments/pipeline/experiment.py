@@ -54,6 +54,7 @@ from eairl_jax.experiments.settings import (
     refuse_unread,
 )
 from eairl_jax.methods import METHODS, STATE_ONLY_ADVICE, needs_expert_actions, with_method_defaults
+from eairl_jax.noise_ranking import RANKINGS
 from eairl_jax.schema import LARGEST_SEED, shown
 
 SCORE_EPISODES = 500
@@ -168,12 +169,13 @@ Place = TypeVar("Place", Source, Target)
 
 @dataclass(frozen=True)
 class Rule:
-    """From which iteration each seed's reward is taken. No rule looks at the target task.
+    """Which reward of each seed is used. No rule looks at the target task.
 
     Attributes:
-      kind: "last"; "iteration"; "source_retrain", the snapshot on which policies trained in the source do best there.
-        To compare with: "random", the reward before learning, and "policy", no reward: the imitating policy itself is
-        scored in the target.
+      kind: "last"; "iteration"; "source_retrain", the snapshot on which policies trained in the source do best there;
+        a name of `noise_ranking.RANKINGS`, a new reward that is fitted to noisy episodes of the last policy. To compare
+        with: "random", the reward before learning, and "policy", no reward: the imitating policy itself is scored in
+        the target.
       iteration: for "iteration", which one.
       repeats: for "source_retrain", policies trained on each snapshot.
       iterations: for "source_retrain", the length of each training.
@@ -189,7 +191,7 @@ class Rule:
 
     @staticmethod
     def parse(text: str, learning: Recipe, retraining: Recipe) -> Rule:
-        """Reads `last`, `source_retrain`, `iteration=N`, `random` or `policy`.
+        """Reads `last`, `source_retrain`, `iteration=N`, `random`, `policy` or the name of a ranking.
 
         Args:
           learning: how the reward is learned.
@@ -200,13 +202,14 @@ class Rule:
         """
         if text == "source_retrain":
             return Rule(text, repeats=min(2, retraining.restarts), iterations=retraining.source_retrain_iterations)
-        if text in ("last", "random", "policy"):
+        if text in ("last", "random", "policy", *RANKINGS):
             return Rule(text)
         name, _, number = text.partition("=")
         kept = snapshot_iterations(learning)
         if name != "iteration" or not number.isdigit():
             raise InputError(
-                f"unknown rule {text!r}: choose last, source_retrain, random, policy or iteration=N, e.g. "
+                f"unknown rule {text!r}: choose last, source_retrain, {', '.join(RANKINGS)}, random, policy or "
+                "iteration=N, e.g. "
                 f"iteration={kept[-1]}"
             )
         if int(number) not in kept:
@@ -364,11 +367,8 @@ def transfers(options: Transfer) -> list[Experiment]:
     back_home = make_target(options.source, _retrain_settings(options), has_expert=False, on_nan=options.on_nan)
     uses = []
     for learning in _learnings(options.source, options, "reward"):
-        if not learning.has_reward and set(options.rule) != {"policy"}:
-            raise InputError(
-                f"{learning.name} learns no reward to transfer: choose one of {', '.join(METHODS)}, or --rule policy"
-            )
         for text in options.rule:
+            _refuse_without_reward(learning, text)
             uses.append((learning, Rule.parse(text, learning.recipe, back_home.recipe)))
     target = measured(target)
     return [
@@ -378,6 +378,16 @@ def transfers(options: Transfer) -> list[Experiment]:
         )
         for learning, rule in uses
     ]
+
+
+def _refuse_without_reward(learning: Experiment, rule: str) -> None:
+    """Raises `InputError` if a rule needs a reward that the method does not learn."""
+    without = ["policy", *(name for name, ranking in RANKINGS.items() if not ranking.rates)]
+    if not learning.has_reward and rule not in without:
+        raise InputError(
+            f"{learning.name} learns no reward, and the rule {rule} needs one: choose one of {', '.join(METHODS)}, or "
+            f"--rule {' or '.join(without)}"
+        )
 
 
 def sweeps(options: Sweep) -> list[Experiment]:

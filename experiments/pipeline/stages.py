@@ -40,7 +40,7 @@ from eairl_jax.environment import context_size
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import file_name
 from eairl_jax.evaluation import reward_per_step
-from eairl_jax.experiments.pipeline import divergence, records
+from eairl_jax.experiments.pipeline import divergence, ranked, records
 from eairl_jax.experiments.pipeline.experiment import (
     RANDOM_SEED,
     Experiment,
@@ -68,6 +68,7 @@ from eairl_jax.experiments.settings import Recipe, divisor
 from eairl_jax.irl import RewardParams
 from eairl_jax.lanes import shards_for
 from eairl_jax.methods import METHODS, with_method_defaults
+from eairl_jax.noise_ranking import RANKINGS
 from eairl_jax.plans import Search, make_planner
 from eairl_jax.rl import Reward, true_reward
 from eairl_jax.storage import read_json, write_json
@@ -242,9 +243,24 @@ def choose_reward(folder: RunFolder, learning: RunFolder, experiment: Experiment
         return Choice(describe(experiment, untrained(experiment), before), {"chosen_iterations": before})
     if rule.kind == "source_retrain":
         return _by_source_retrain(folder, learning, experiment, use)
+    if rule.kind in RANKINGS:
+        return _by_ranking(folder, learning, experiment, rule.kind)
     iteration = kept[-1] if rule.kind == "last" else rule.iteration
     facts = {"chosen_iterations": [iteration] * len(seeds)}
     return Choice(load_reward(snapshot_path(learning, iteration)), facts)
+
+
+def _by_ranking(folder: RunFolder, learning: RunFolder, experiment: Experiment, kind: str) -> Choice:
+    """Fits rewards to noisy episodes of the policies with which the learning ended, and says in a file how well."""
+    algorithm, state = learn(learning, experiment)
+    started = time.perf_counter()
+    fitted = ranked.fit(experiment, algorithm, state, kind)
+    folder.add_seconds(run_seconds=time.perf_counter() - started)
+    ranked.write(folder.path, fitted)
+    iterations = [experiment.recipe.last_iteration] * len(experiment.seeds)
+    recipe = dataclasses.replace(experiment.recipe, config=fitted.config)
+    reward = describe(dataclasses.replace(experiment, recipe=recipe), fitted.params, iterations)
+    return Choice(reward, {"chosen_iterations": iterations})
 
 
 def _by_source_retrain(folder: RunFolder, learning: RunFolder, experiment: Experiment, use: Use) -> Choice:

@@ -27,7 +27,7 @@ RUNS = Path("runs")
 EVALUATION_EPISODES = 100
 
 # Phases of an experiment, for `lane_keys`.
-LEARN, RETRAIN, SOURCE_RETRAIN, EVALUATE, CLOSENESS, PLAN, JUDGE, DIAGNOSE = range(8)
+LEARN, RETRAIN, SOURCE_RETRAIN, EVALUATE, CLOSENESS, PLAN, JUDGE, DIAGNOSE, RANK = range(9)
 
 # What tells a lane from the others: its seed, its restart, its point of a sweep, ...
 Lane = dict[str, float]

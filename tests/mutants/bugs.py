@@ -585,6 +585,27 @@ LIBRARY = bugs_of(
         "eairl_jax/test_exact_empowerment.py",
     ),
     (
+        "more-noise-is-better",
+        "noise_ranking.py",
+        "return jax.nn.softplus(worse - better).mean()",
+        "return jax.nn.softplus(better - worse).mean()",
+        "eairl_jax/test_noise_ranking.py",
+    ),
+    (
+        "pieces-beyond-the-end",
+        "noise_ranking.py",
+        "taken = jnp.minimum(wanted, played[row])",
+        "taken = wanted",
+        "eairl_jax/test_noise_ranking.py",
+    ),
+    (
+        "noise-of-the-other-action",
+        "noise_ranking.py",
+        "jnp.where(is_random[:, None], random(obs, random_key), act(obs, act_key))",
+        "jnp.where(is_random[:, None], act(obs, act_key), random(obs, random_key))",
+        "eairl_jax/test_noise_ranking.py",
+    ),
+    (
         "reward-sees-the-source",
         "discriminator.py",
         "return obs[..., : obs.shape[-1] - config.context_size]",
