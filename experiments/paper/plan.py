@@ -261,14 +261,20 @@ def missing(results_of: dict[str, list[Result]]) -> list[Missing]:
         trained = {result.identity for result in results_of[experiment]}
         for planned in experiments:
             if planned.identity not in trained:
-                names.setdefault((experiment, planned.task), []).append(_title(planned))
+                targets = {each.target for each in experiments if each.task == planned.task}
+                names.setdefault((experiment, planned.task), []).append(_title(planned, targets))
     return [
         Missing(experiment, task, titles, f"eairl reproduce {experiment} --task {task}")
         for (experiment, task), titles in names.items()
     ]
 
 
-def _title(planned: Planned) -> str:
-    """For example "GAIL" of an imitation, "EAIRL (random)" and "EAIRL (back in the source)" of transfers."""
-    rule = HOME if planned.target == planned.task else planned.rule
-    return results.title(planned.name) + (f" ({rule})" if planned.target else "")
+def _title(planned: Planned, targets: set[str | None]) -> str:
+    """For example "GAIL" of an imitation, "EAIRL (random)" and "EAIRL (back in the source)" of transfers.
+
+    Args:
+      targets: of the task's experiments in the table. If several are other tasks, the title names the target.
+    """
+    is_home = planned.target == planned.task
+    where = f" in {planned.target}" if len(targets - {planned.task, None}) > 1 and not is_home else ""
+    return results.title(planned.name) + where + (f" ({HOME if is_home else planned.rule})" if planned.target else "")

@@ -95,6 +95,8 @@ def _scores(results_of: dict[str, list[Result]]) -> dict:
         "overview": report_figures.overview(panels),
         "tables": [table for group in all_tables for table in group],
         "diagnoses": tables.diagnoses(results_of["table1"]),
+        "exact_phi": tables.exact_phi(results_of["ablations"]),
+        "by_source": tables.by_source(results_of["sources"]),
         "ablations": report_figures.ablations(results_of),
     }
 

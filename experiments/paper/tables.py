@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 
 from eairl_jax.experiments.display.console import mean_and_std
 from eairl_jax.experiments.paper import published, results
@@ -240,24 +241,96 @@ def _diagnosis_table(group: list[Result]) -> Table:
     return Table(results.pair(group[0]), list(DIAGNOSIS_COLUMNS), lines)
 
 
+def by_source(experiment: list[Result]) -> list[Table]:
+    """For each target the rewards that were learned in different sources: a line for each method."""
+    chosen = [result for result in results.transfers(experiment) if result.rule == "last"]
+    targets = dict.fromkeys(result.target for result in chosen)
+    return [_source_table([result for result in chosen if result.target == target]) for target in targets]
+
+
+def _source_table(group: list[Result]) -> Table:
+    first, sources = group[0], list(dict.fromkeys(result.task for result in group))
+    of = {(result.name, result.task): result for result in group}
+    lines = [("expert", [_expert(first, {})]), ("ceiling", [Cell(_mean_and_std(first.ceiling), ceiling(first))])]
+    for name in results.names_in_order(group):
+        found = [of.get((name, source)) for source in sources]
+        cells = [cell for result in found for cell in (_with_lowest(result), Cell(fault(result)))]
+        lines.append((results.title(name), cells))
+    columns = [column for source in sources for column in (source, FAULT)]
+    return Table(f"in {first.target}", columns, [*lines, ("random actions", [_random_actions(first)])])
+
+
+def _with_lowest(result: Result | None) -> Cell:
+    """The score of a result, and its lowest seed's beside it."""
+    if result is None:
+        return Cell()
+    return Cell(f"{mean_and_std(result.mean, result.std)}, lowest {min(result.returns):.2f}", result.normalized)
+
+
+EXACT_PHI, NO_PHI = "+shaping=exact_empowerment+empowerment_steps=", "+shaping=none"
+
+
+def exact_phi(ablations: list[Result]) -> list[Table]:
+    """For each pair of tasks the scores with an exact Phi and with none, and what the same seeds gain by it."""
+    chosen = [result for result in ablations if EXACT_PHI in result.name or result.name.endswith(NO_PHI)]
+    groups = results.by_task(chosen).values()
+    return [_exact_phi_table(group) for group in groups if any(EXACT_PHI in result.name for result in group)]
+
+
+def _exact_phi_table(group: list[Result]) -> Table:
+    lines = []
+    for form in dict.fromkeys(result.name.partition("+")[0] for result in group):
+        of_form = [result for result in group if result.name.partition("+")[0] == form]
+        without = next((result for result in of_form if result.name == form + NO_PHI), None)
+        for result in sorted(of_form, key=_steps_of_phi):
+            phi = f"Phi over {_steps_of_phi(result)} steps" if _steps_of_phi(result) else "Phi = 0"
+            gained = "" if without in (None, result) else gain(result, without)
+            lines.append((f"{results.title(form)}, {phi}", [cell(result, {}), Cell(gained), Cell(fault(result))]))
+    return Table(results.pair(group[0]), ["last", "gained by Phi, 95 % interval", FAULT], lines)
+
+
+def _steps_of_phi(result: Result) -> int:
+    return int(result.name.partition(EXACT_PHI)[2] or 0)
+
+
+def gain(result: Result, other: Result) -> str:
+    """The mean difference of the returns of the same seeds, with its 95 % interval by Student's t."""
+    ours, theirs = (dict(zip(each.seeds, each.returns, strict=True)) for each in (result, other))
+    both = sorted(ours.keys() & theirs.keys())
+    if len(both) < 2:
+        return ""
+    difference = np.array([ours[seed] - theirs[seed] for seed in both])
+    low, high = stats.ttest_1samp(difference, 0.0).confidence_interval(0.95)
+    return f"{difference.mean():+.2f} ({low:+.2f} to {high:+.2f})"
+
+
+# Tables that the paper does not have: by their names in a page, the file of results and what is made of it.
+OWN = {
+    "transfer": ("table1", lambda loaded: [compact(loaded, published.TRANSFER)]),
+    "diagnosis": ("table1", diagnoses),
+    "sources": ("sources", by_source),
+    "exact-phi": ("ablations", exact_phi),
+}
+
+
 def updated(text: str, folder: Path = results.FOLDER) -> str:
     """The text with new tables between `<!-- NAME -->` and `<!-- end -->`.
 
-    NAME is a key of `published.TABLES`, "transfer" for the compact table of all transfers, or "diagnosis".
+    NAME is a key of `published.TABLES`, "transfer" for the compact table of all transfers, "diagnosis", "sources" or
+    "exact-phi".
     """
 
     def block(match: re.Match) -> str:
         name = match[1]
-        experiment = name if name in published.TABLES else "table1"
-        loaded, figures = results.load(folder / f"{experiment}.json"), published.TABLES[experiment]
-        if name == "diagnosis":
-            shown = diagnoses(loaded)
+        if name in OWN:
+            experiment, make = OWN[name]
+            shown = make(results.load(folder / f"{experiment}.json"))
         else:
-            shown = [compact(loaded, figures)] if name == "transfer" else tables(loaded, figures)
+            shown = tables(results.load(folder / f"{name}.json"), published.TABLES[name])
         return "\n".join([f"<!-- {name} -->", "\n\n".join(map(markdown, shown)), "<!-- end -->"])
 
     return re.sub(
-        rf"<!-- ({'|'.join(('transfer', 'diagnosis', *published.TABLES))}) -->\n.*?<!-- end -->",
+        rf"<!-- ({'|'.join((*OWN, *published.TABLES))}) -->\n.*?<!-- end -->",
         block,
         text,
         flags=re.DOTALL,

@@ -57,6 +57,12 @@ def test_what_is_missing_comes_with_the_command_that_trains_it(make_result, resu
     ]
 
 
+def test_missing_transfers_say_their_target_where_a_source_has_several(results_of):
+    (left,) = [each for each in missing(results_of()) if (each.experiment, each.task) == ("sources", "point_maze_left")]
+    assert left.names[:2] == ["EAIRL in point_maze_middle (last)", "EAIRL in point_maze_double (last)"]
+    assert len(set(left.names)) == len(left.names) == 8
+
+
 def test_missing_transfers_say_their_rule(results_of):
     names = [name for each in missing(results_of()) if each.experiment == "table1" for name in each.names]
     assert {"EAIRL (random)", "EAIRL (back in the source)", "EAIRL (iteration=40)"} <= set(names)

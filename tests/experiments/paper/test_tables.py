@@ -46,6 +46,55 @@ def test_the_table_of_diagnoses(make_result, make_diagnosis):
     ]
 
 
+def test_the_table_of_one_source_and_of_two(make_result):
+    both = "+".join(MAZES)
+    experiment = [
+        make_result("eairl-sa", [8.0, 10.0], both, "third", "last"),
+        make_result("eairl-sa", [4.0, 6.0], MAZES[0], "third", "last", diagnosis=None),
+        make_result("airl_s-s", [7.0, 7.0], MAZES[0], "third", "last"),
+        make_result("airl_s-s", [7.0, 7.0], MAZES[0], "fourth", "last"),
+    ]
+    third, fourth = tables.by_source(experiment)
+    assert tables.markdown(third).splitlines() == [
+        f"| in third | {both} | the reward, by diagnosis | point_maze_left | the reward, by diagnosis |",
+        "| --- | --- | --- | --- | --- |",
+        "| expert | 10.00 (1.00) |  |  |  |",
+        "| ceiling | 9.50 ± 0.50 (0.95) |  |  |  |",
+        "| AIRL(s) |  |  | 7.00 ± 0.00, lowest 7.00 (0.70) | 2 mistaken |",
+        "| EAIRL | 9.00 ± 1.00, lowest 8.00 (0.90) | 1 agrees, 1 mistaken | 5.00 ± 1.00, lowest 4.00 (0.50) "
+        "| not diagnosed |",
+        "| random actions | 0.00 (0.00) |  |  |  |",
+    ]
+    assert (fourth.title, fourth.columns[0]) == ("in fourth", "point_maze_left")
+
+
+def test_the_table_of_an_exact_phi_says_what_the_same_seeds_gain(make_result):
+    exact = "eairl-sa+shaping=exact_empowerment+empowerment_steps="
+    group = [
+        make_result(f"{exact}20", [6.0, 9.0], *MAZES, "last", diagnosis=None),
+        make_result("eairl-sa+shaping=none", [5.0, 7.0], *MAZES, "last"),
+        make_result(f"{exact}5", [5.0, 7.0], *MAZES, "last"),
+        make_result("eairl-sa+lambda_i=0", [1.0, 1.0], *MAZES, "last"),
+        make_result("eairl-sa+shaping=none", [1.0, 1.0], "ant", "crippled_ant", "last"),  # no exact Phi there
+    ]
+    (table,) = tables.exact_phi(group)
+    assert [(name, [cell.ours for cell in cells]) for name, cells in table.lines] == [
+        ("EAIRL, Phi = 0", ["6.00 ± 1.00", "", "2 mistaken"]),
+        ("EAIRL, Phi over 5 steps", ["6.00 ± 1.00", "+0.00 (+0.00 to +0.00)", "2 mistaken"]),
+        ("EAIRL, Phi over 20 steps", ["7.50 ± 1.50", "+1.50 (-4.85 to +7.85)", "not diagnosed"]),
+    ]
+
+
+def test_what_is_gained_is_of_the_seeds_that_both_have(make_result):
+    ours, theirs = make_result("eairl-sa", [1.0, 2.0, 3.0], "ant"), make_result("bc", [1.0, 1.0, 9.0], "ant")
+    shared = dataclasses.replace(theirs, seeds=[*ours.seeds[:2], 99])
+    assert tables.gain(ours, shared) == tables.gain(
+        dataclasses.replace(ours, seeds=ours.seeds[:2], returns=[1.0, 2.0]),
+        dataclasses.replace(theirs, seeds=theirs.seeds[:2], returns=[1.0, 1.0]),
+    )
+    assert tables.gain(ours, dataclasses.replace(theirs, seeds=[97, 98, 99])) == ""
+
+
 def test_the_table_of_imitations(make_result):
     experiment = [
         make_result("gail-sa", [8.0, 10.0], "ant"),
