@@ -106,6 +106,8 @@ data: $(STAMP)
 		$(BIN)/eairl expert $$name --seeds $${task#*:} && \
 		$(BIN)/eairl demos $$name --out experiments/data/$$name.npz || exit 1; \
 	done
+	@$(BIN)/eairl expert half_cheetah --seeds 1 --set iterations=85 snapshot_every=85 --out runs/expert-half_cheetah-half
+	@$(BIN)/eairl demos half_cheetah --expert runs/expert-half_cheetah-half --out experiments/data/half_cheetah.half.npz
 
 lint: $(STAMP)
 	@echo "== installing ruff and pyright"

@@ -10,7 +10,8 @@ from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display.console import console
 from eairl_jax.experiments.options import Collect
 from eairl_jax.experiments.pipeline.convert import convert, refuse_contradictions
-from eairl_jax.experiments.pipeline.experiment import DEMOS, SCORE_EPISODES, checked_seeds, make_env, random_return
+from eairl_jax.experiments.pipeline.experiment import checked_seeds
+from eairl_jax.experiments.pipeline.places import DEMOS, SCORE_EPISODES, make_env, random_return
 from eairl_jax.experiments.pipeline.policies import Policies, best_expert
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
 from eairl_jax.experiments.pipeline.train import RUNS, final_returns

@@ -11,7 +11,7 @@ from eairl_jax.experiments.display.plots import plot_diagnosis
 from eairl_jax.experiments.options import Diagnose
 from eairl_jax.experiments.pipeline import divergence, policies, run_page
 from eairl_jax.experiments.pipeline.diagnosis import FILE, FOUND, TRAINED, Diagnosis, diagnose, played
-from eairl_jax.experiments.pipeline.experiment import restored_target
+from eairl_jax.experiments.pipeline.places import restored_target
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 
 

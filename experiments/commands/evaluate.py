@@ -17,7 +17,7 @@ from eairl_jax.experiments.display.console import Layout, console, print_rows, s
 from eairl_jax.experiments.display.plots import Dots
 from eairl_jax.experiments.options import Evaluate
 from eairl_jax.experiments.pipeline import policies
-from eairl_jax.experiments.pipeline.experiment import make_env
+from eairl_jax.experiments.pipeline.places import make_env
 from eairl_jax.experiments.pipeline.policies import Policies
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
 from eairl_jax.experiments.pipeline.train import EVALUATE, RUNS, final_returns, lane_keys

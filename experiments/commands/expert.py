@@ -14,7 +14,8 @@ from eairl_jax.experiments.display.plots import Curve, plot
 from eairl_jax.experiments.options import Expert
 from eairl_jax.experiments.paper import published
 from eairl_jax.experiments.pipeline import divergence, policies, records, run_page
-from eairl_jax.experiments.pipeline.experiment import checked_seeds, explain_defaults, make_env
+from eairl_jax.experiments.pipeline.experiment import checked_seeds
+from eairl_jax.experiments.pipeline.places import explain_defaults, make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.train import LEARN, RUNS, Lane, lane_keys, scores, train
 from eairl_jax.experiments.settings import TRIALS, Recipe, parse_overrides, recipe, refuse_unread

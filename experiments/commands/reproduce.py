@@ -20,6 +20,7 @@ from eairl_jax.experiments.paper.plan import EXPERIMENTS, FIGURES, FIRST_SEED, P
 from eairl_jax.experiments.pipeline import cluster, divergence, stages
 from eairl_jax.experiments.pipeline.diagnosis import FILE, Diagnosis, diagnose, played
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations, transfers
+from eairl_jax.experiments.pipeline.places import shipped_demonstrations
 from eairl_jax.experiments.pipeline.run import Result, learning_folder
 from eairl_jax.experiments.pipeline.run import run as run_experiment
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, settings_digest
@@ -110,6 +111,7 @@ def build(planned: Planned, seeds: int, quick: bool, on_nan: str = "stop") -> Ex
         "first_seed": FIRST_SEED,
         "on_nan": on_nan,
         "set": (*planned.settings, *short(quick)),
+        "demos": shipped_demonstrations(planned.task, planned.quality) if planned.quality else None,
     }
     if planned.target is None:
         (experiment,) = imitations(Imitate(planned.task, **learning))

@@ -7,7 +7,7 @@ from typing import Any
 from eairl_jax.arguments import LARGEST, SMALLEST
 from eairl_jax.experiments.display.console import Layout, print_rows, say
 from eairl_jax.experiments.options import Settings
-from eairl_jax.experiments.pipeline.experiment import make_env
+from eairl_jax.experiments.pipeline.places import make_env
 from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS
 from eairl_jax.experiments.settings import GROUPS, documentation, sections_of_task
 

@@ -6,7 +6,7 @@ from eairl_jax import InputError, demonstrations, envs
 from eairl_jax.envs import registry
 from eairl_jax.experiments.display.console import console, print_rows, say
 from eairl_jax.experiments.options import Tasks
-from eairl_jax.experiments.pipeline.experiment import make_env, shipped_demonstrations
+from eairl_jax.experiments.pipeline.places import make_env, shipped_demonstrations
 
 
 def run(options: Tasks, command_line: str) -> None:

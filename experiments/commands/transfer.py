@@ -14,7 +14,8 @@ from eairl_jax.experiments.options import Transfer
 from eairl_jax.experiments.paper import published
 from eairl_jax.experiments.pipeline import cluster, divergence, user_networks
 from eairl_jax.experiments.pipeline.default_folder import changed_options, default_path
-from eairl_jax.experiments.pipeline.experiment import measured, refuse_other_sizes, target_of, transfers
+from eairl_jax.experiments.pipeline.experiment import target_of, transfers
+from eairl_jax.experiments.pipeline.places import measured, refuse_other_sizes
 from eairl_jax.experiments.pipeline.run import Result, learning_folder, reuse
 from eairl_jax.experiments.pipeline.run import run as run_experiment
 from eairl_jax.experiments.pipeline.train import RUNS

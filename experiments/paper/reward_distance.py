@@ -30,7 +30,7 @@ from eairl_jax import (
 from eairl_jax.agent import clip_actions
 from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.pipeline import policies
-from eairl_jax.experiments.pipeline.experiment import shipped_demonstrations
+from eairl_jax.experiments.pipeline.places import shipped_demonstrations
 from eairl_jax.experiments.pipeline.policies import Policies
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import worth

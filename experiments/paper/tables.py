@@ -16,7 +16,7 @@ from scipy import stats
 from eairl_jax.experiments.display.console import mean_and_std
 from eairl_jax.experiments.paper import published, results
 from eairl_jax.experiments.pipeline.diagnosis import FROM_EXPERT, TRAINED, VERDICTS, Diagnosis
-from eairl_jax.experiments.pipeline.experiment import Reference
+from eairl_jax.experiments.pipeline.places import Reference
 from eairl_jax.experiments.pipeline.run import Result
 from eairl_jax.storage import replacing
 
@@ -283,7 +283,8 @@ def _exact_phi_table(group: list[Result]) -> Table:
         of_form = [result for result in group if result.name.partition("+")[0] == form]
         without = next((result for result in of_form if result.name == form + NO_PHI), None)
         for result in sorted(of_form, key=_steps_of_phi):
-            phi = f"Phi over {_steps_of_phi(result)} steps" if _steps_of_phi(result) else "Phi = 0"
+            steps = _steps_of_phi(result)
+            phi = f"Phi over {steps} step{'s' * (steps > 1)}" if steps else "Phi = 0"
             gained = "" if without in (None, result) else gain(result, without)
             lines.append((f"{results.title(form)}, {phi}", [cell(result, {}), Cell(gained), Cell(fault(result))]))
     return Table(results.pair(group[0]), ["last", "gained by Phi, 95 % interval", FAULT], lines)

@@ -11,7 +11,7 @@ from eairl_jax.envs.names import file_name
 from eairl_jax.episodes import Read
 from eairl_jax.experiments.display.console import console
 from eairl_jax.experiments.options import Collect
-from eairl_jax.experiments.pipeline.experiment import DEMOS, make_env, shipped_demonstrations
+from eairl_jax.experiments.pipeline.places import DEMOS, make_env, shipped_demonstrations
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine
 
 SHIPPED = "shipped"

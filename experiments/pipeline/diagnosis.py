@@ -22,7 +22,7 @@ from eairl_jax import InputError, evaluate, horizon, load_reward, plans
 from eairl_jax.agent import clip_actions
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.pipeline import policies, records, user_networks
-from eairl_jax.experiments.pipeline.experiment import DEMOS, Reference, Target, measured
+from eairl_jax.experiments.pipeline.places import DEMOS, Reference, Target, measured
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import (
     BEST_PLAN,

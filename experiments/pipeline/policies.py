@@ -35,7 +35,8 @@ from eairl_jax.experiments.pipeline import (
     user_methods,
     user_networks,
 )
-from eairl_jax.experiments.pipeline.experiment import Experiment, make_env
+from eairl_jax.experiments.pipeline.experiment import Experiment
+from eairl_jax.experiments.pipeline.places import make_env
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import best_restarts, describe, last_tenth, learned_rewards, make_algorithm
 from eairl_jax.experiments.pipeline.train import take_lanes

@@ -15,7 +15,8 @@ from eairl_jax import Algorithm, Config, learned_reward, noise_ranking
 from eairl_jax.environment import context_size
 from eairl_jax.experiments.display.console import say
 from eairl_jax.experiments.pipeline import divergence
-from eairl_jax.experiments.pipeline.experiment import Experiment, reward_obs_size
+from eairl_jax.experiments.pipeline.experiment import Experiment
+from eairl_jax.experiments.pipeline.places import reward_obs_size
 from eairl_jax.experiments.pipeline.train import RANK, lane_keys
 from eairl_jax.irl import RewardParams, reward_function
 from eairl_jax.methods import METHODS, with_method_defaults

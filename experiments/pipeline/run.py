@@ -19,7 +19,8 @@ from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display import planar
 from eairl_jax.experiments.display.plots import Curve, plot, plot_sweep
 from eairl_jax.experiments.pipeline import divergence, more_seeds, points, policies, records, run_page, stages
-from eairl_jax.experiments.pipeline.experiment import Experiment, Reference, Target, Use
+from eairl_jax.experiments.pipeline.experiment import Experiment, Use
+from eairl_jax.experiments.pipeline.places import Reference, Target
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, machine, peak_memory_gb, settings_digest
 from eairl_jax.experiments.pipeline.train import Lane, scores
 from eairl_jax.methods import with_method_defaults

@@ -41,15 +41,8 @@ from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import file_name
 from eairl_jax.evaluation import reward_per_step
 from eairl_jax.experiments.pipeline import divergence, ranked, records
-from eairl_jax.experiments.pipeline.experiment import (
-    RANDOM_SEED,
-    Experiment,
-    Rule,
-    Target,
-    Use,
-    reward_obs_size,
-    snapshot_iterations,
-)
+from eairl_jax.experiments.pipeline.experiment import Experiment, Rule, Use, snapshot_iterations
+from eairl_jax.experiments.pipeline.places import RANDOM_SEED, Target, reward_obs_size
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, settings_digest
 from eairl_jax.experiments.pipeline.train import (
     JUDGE,

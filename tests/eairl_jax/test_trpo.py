@@ -253,7 +253,7 @@ def test_the_std_follows_its_schedule(trained):
 @pytest.mark.slow
 def test_trpo_makes_as_good_a_pendulum_expert_as_ppo():
     """The best of two seeds, by the recipe of `eairl expert pendulum --optimizer trpo`."""
-    from eairl_jax.experiments.pipeline.experiment import shipped_demonstrations
+    from eairl_jax.experiments.pipeline.places import shipped_demonstrations
     from eairl_jax.experiments.settings import recipe
 
     with_ppo = demonstrations.provenance(shipped_demonstrations("pendulum"))["expert_return"]

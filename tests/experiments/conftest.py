@@ -38,7 +38,7 @@ SIZES = {
     "eairl_jax.experiments.pipeline.diagnosis.EXPERT_CLONE": SEARCH,
     "eairl_jax.experiments.pipeline.train.EVALUATION_EPISODES": 2,
     "eairl_jax.experiments.commands.demos.SCORE_EPISODES": 2,
-    "eairl_jax.experiments.pipeline.experiment.SCORE_EPISODES": 2,
+    "eairl_jax.experiments.pipeline.places.SCORE_EPISODES": 2,
 }
 
 

@@ -14,7 +14,7 @@ import pytest
 import eairl_jax
 from eairl_jax.experiments import cli
 from eairl_jax.experiments.options import COMMANDS, Imitate
-from eairl_jax.experiments.pipeline.experiment import make_env, shipped_demonstrations
+from eairl_jax.experiments.pipeline.places import make_env, shipped_demonstrations
 from eairl_jax.methods import method_names
 
 ROOT = Path(__file__).resolve().parents[2]

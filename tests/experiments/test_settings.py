@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import pytest
 
 from eairl_jax import Config, HParams, InputError, envs
-from eairl_jax.experiments.pipeline.experiment import make_env
+from eairl_jax.experiments.pipeline.places import make_env
 from eairl_jax.experiments.recipes import PURPOSE_DEFAULTS, RECIPES
 from eairl_jax.experiments.settings import SETTINGS, Recipe, divisor, documentation, parse_overrides, recipe
 from eairl_jax.hparams import check_hparams

@@ -42,7 +42,8 @@ from eairl_jax import (
 from eairl_jax.actor_critic import ActorCritic
 from eairl_jax.experiments.pipeline import run as pipeline
 from eairl_jax.experiments.pipeline import train
-from eairl_jax.experiments.pipeline.experiment import Experiment, Reference, Source, make_env, shipped_demonstrations
+from eairl_jax.experiments.pipeline.experiment import Experiment
+from eairl_jax.experiments.pipeline.places import Reference, Source, make_env, shipped_demonstrations
 from eairl_jax.experiments.settings import Recipe
 from eairl_jax.normalize import ObsStats
 from eairl_jax.version import __version__

@@ -746,7 +746,7 @@ PIPELINE = bugs_of(
     "experiments/pipeline",
     (
         "retrained-with-the-recipes-actions",  # not caught in November 2026
-        "experiment.py",
+        "places.py",
         "self.with_config(actions=learned.actions, horizon=kind)",
         "self.with_config(horizon=kind)",
         "experiments/pipeline/test_stages.py",
@@ -788,7 +788,7 @@ PIPELINE = bugs_of(
     ),
     (
         "scores-without-random-actions",
-        "experiment.py",
+        "places.py",
         "(returns - self.random) / (self.expert - self.random)",
         "returns / self.expert",
         "experiments/pipeline/test_run.py",
@@ -881,7 +881,7 @@ PIPELINE = bugs_of(
     ),
     (
         "horizon-forgotten-in-the-target",
-        "experiment.py",
+        "places.py",
         'kind = "fixed"  # the',
         "kind = kind  # the",
         "experiments/pipeline/test_stages.py::test_policies_are_trained_with_the_horizon_that_the_reward_knows",

@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 from eairl_jax import demonstrations
-from eairl_jax.experiments.pipeline.experiment import shipped_demonstrations
+from eairl_jax.experiments.pipeline.places import shipped_demonstrations
 
 
 def test_a_line_for_each_seed_and_all_figures_in_a_file(finished, tmp_path, run, capsys):

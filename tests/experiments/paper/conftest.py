@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eairl_jax.experiments.pipeline.diagnosis import FROM_EXPERT, RANDOM, TRAINED, Behaviour, Diagnosis
-from eairl_jax.experiments.pipeline.experiment import Reference
+from eairl_jax.experiments.pipeline.places import Reference
 from eairl_jax.experiments.pipeline.run import Result
 
 MEASURES = ("epic", *(f"rank correlation, {transitions}" for transitions in ("expert", "policy", "random")))
@@ -64,6 +64,6 @@ def results_of():
     """A function that makes the results of every experiment from those of each."""
 
     def make(table2=(), table1=(), ablations=()):
-        return {"table1": [*table1], "table2": [*table2], "ablations": [*ablations], "sources": []}
+        return {"table1": [*table1], "table2": [*table2], "ablations": [*ablations], "sources": [], "imperfect": []}
 
     return make

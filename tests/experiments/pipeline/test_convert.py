@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eairl_jax import demonstrations
-from eairl_jax.experiments.pipeline.experiment import shipped_demonstrations
+from eairl_jax.experiments.pipeline.places import shipped_demonstrations
 
 
 @pytest.fixture

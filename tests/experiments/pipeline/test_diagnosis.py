@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eairl_jax.experiments.pipeline.diagnosis import FROM_EXPERT, RANDOM, TRAINED, Behaviour, Diagnosis
-from eairl_jax.experiments.pipeline.experiment import Reference
+from eairl_jax.experiments.pipeline.places import Reference
 from eairl_jax.experiments.pipeline.stages import share_of_best
 
 

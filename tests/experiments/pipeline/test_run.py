@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eairl_jax import InputError
-from eairl_jax.experiments.pipeline.experiment import Reference
+from eairl_jax.experiments.pipeline.places import Reference
 from eairl_jax.experiments.pipeline.run import Result
 
 FIELDS = dict(

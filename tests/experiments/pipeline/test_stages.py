@@ -22,7 +22,8 @@ from eairl_jax import (
 )
 from eairl_jax.experiments.options import Transfer
 from eairl_jax.experiments.pipeline import run, stages, train
-from eairl_jax.experiments.pipeline.experiment import Reference, Rule, Target, Use, make_target, transfers
+from eairl_jax.experiments.pipeline.experiment import Rule, Use, transfers
+from eairl_jax.experiments.pipeline.places import Reference, Target, make_target
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.stages import (
     Score,
