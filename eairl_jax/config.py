@@ -139,7 +139,9 @@ class Config:
     """Last entries of an observation that the reward does not see, and policy and potentials do: which of several
     sources a step is from. Set by the task (`envs.several`); 0 for a single source."""
     penalties: tuple[str, ...] = ()
-    """Penalties on the reward that are computed: any of "gradient", "action_variance", "input_sparsity". Their weights
+    """Penalties on the reward that are computed: any of "gradient", "action_variance", "input_sparsity" and, for
+    several sources, "own_part", with which each source has a part of the reward for itself
+    (`discriminator.own_part`). Their weights
     are in `HParams`."""
 
     # Empowerment
@@ -268,7 +270,8 @@ AT_LEAST_1 = (
 
 AT_LEAST_0 = ("history_length", "policy_reset_every", "episode_length", "context_size")
 
-PENALTIES = ("gradient", "action_variance", "input_sparsity")
+OWN_PART = "own_part"
+PENALTIES = ("gradient", "action_variance", "input_sparsity", OWN_PART)
 
 ACTIVATIONS = (
     "relu", "tanh", "celu", "elu", "gelu", "hard_sigmoid", "hard_silu", "hard_swish", "hard_tanh", "identity",

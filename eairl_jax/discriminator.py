@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from eairl_jax import named_networks, nets, train_state
-from eairl_jax.config import Config
+from eairl_jax.config import OWN_PART, Config
 from eairl_jax.methods import EXACT_PHI, LEARNED_H, LEARNED_PHI, METHODS
 from eairl_jax.types import HParams, Key, Metrics, PyTree
 
@@ -70,7 +70,7 @@ def init(key: Key, obs_size: int, action_size: int, config: Config) -> PyTree:
     """Fresh parameters.
 
     "g" of the reward, "k" of a separable reward's action part, "h" of a learned potential, "d" of a classifier beside
-    the reward (`Method.reward_loss`).
+    the reward (`Method.reward_loss`), "m" of what each source has for itself (`own_part`).
     """
     obs, action, net = jnp.zeros((1, obs_size)), jnp.zeros((1, action_size)), nets.scalar(config)
     params = init_reward(key, obs_size - config.context_size, action_size, config)
@@ -78,6 +78,8 @@ def init(key: Key, obs_size: int, action_size: int, config: Config) -> PyTree:
         params["h"] = net.init(_keys(key)[2], obs)
     if METHODS[config.method].reward_loss:
         params["d"] = net.init(jax.random.fold_in(key, 1), *_classified(obs, action, config))
+    if OWN_PART in config.penalties:
+        params["m"] = net.init(jax.random.fold_in(key, 2), *_classified(obs, action, config))
     return params
 
 
@@ -127,15 +129,26 @@ def reward(params: PyTree, obs: jax.Array, action: jax.Array, config: Config) ->
     return g - jax.nn.softplus(params["k"]["raw_cost"]) * jnp.sum(action**2, axis=-1)
 
 
+def own_part(params: PyTree, obs: jax.Array, action: jax.Array, config: Config) -> jax.Array:
+    """The part m of the reward that belongs to the source of a step alone, `[...]` (MSRD, Chen et al. 2020b).
+
+    Demonstrators of one task differ in style. With `f = r + m` the reward r holds what they share, because the mean
+    square of m is charged; m knows the source by the last entries of the observation. Only r is kept and transferred.
+    """
+    return nets.apply(nets.scalar(config), params["m"], *_classified(obs, action, config))
+
+
 def logit_expert_high(params: PyTree, samples: Samples, discount, config: Config) -> jax.Array:
     """`log D - log(1 - D)` of each transition, `[...]`, with f = reward + shaping (Eq. 9).
 
-    With `Method.reward_loss`, f is the classifier "d".
+    With `Method.reward_loss`, f is the classifier "d". With `own_part`, f has that part too.
     """
     if METHODS[config.method].reward_loss:
         f = nets.apply(nets.scalar(config), params["d"], *_classified(samples.obs, samples.action, config))
     else:
         f = reward(params, samples.obs, samples.action, config)
+    if OWN_PART in config.penalties:
+        f += own_part(params, samples.obs, samples.action, config)
     if config.shaping in LEARNED_H:
         h, next_h = (nets.apply(nets.scalar(config), params["h"], x) for x in (samples.obs, samples.next_obs))
         f += shaping(h, next_h, samples.terminated, discount)
@@ -225,6 +238,9 @@ def loss(params: PyTree, expert: Samples, policy: Samples, hparams: HParams, con
         total += hparams.action_variance * action_variance(params, both, config)
     if "input_sparsity" in config.penalties:
         total += hparams.input_sparsity * input_sparsity(params, both, config)
+    if OWN_PART in config.penalties:
+        metrics["own_part"] = jnp.mean(own_part(params, both.obs, both.action, config) ** 2)
+        total += hparams.own_part * metrics["own_part"]
     return total, metrics
 
 

@@ -79,6 +79,9 @@ class HParams:
     """Weight of the penalty on differences of the reward between actions (`discriminator.action_variance`)."""
     input_sparsity: float | jax.Array = 0.0
     """Weight of the penalty on each entry of the observation that the reward uses (`discriminator.input_sparsity`)."""
+    own_part: float | jax.Array = 0.0
+    """Several sources: weight of the penalty on the part of the reward that each source has for itself
+    (`discriminator.own_part`). With 0 there are no such parts."""
     discriminator_lr: float | jax.Array = 1e-3
     """Adam's learning rate of the discriminator D, and hence of the reward; at most 100."""
     inverse_lr: float | jax.Array = 1e-3

@@ -26,7 +26,7 @@ from eairl_jax import (
     rollout,
     train_state,
 )
-from eairl_jax.config import Config
+from eairl_jax.config import OWN_PART, Config
 from eairl_jax.environment import check_env, context_size
 from eairl_jax.errors import InputError
 from eairl_jax.hparams import check_hparams
@@ -168,6 +168,11 @@ def _with_context(env: Env, config: Config) -> Config:
         raise InputError(
             "the horizon absorbing is not possible with several sources: the entry of the absorbing state would come "
             "after those of the sources; choose --horizon fixed or variable"
+        )
+    if OWN_PART in config.penalties and (not size or methods.METHODS[config.method].reward_loss):
+        why = f"the reward of {config.method} is no part of its discriminator" if size else "there is one source"
+        raise InputError(
+            f"own_part: {why}, so no part of the reward belongs to one of several sources; leave the setting out"
         )
     return dataclasses.replace(config, context_size=size)
 

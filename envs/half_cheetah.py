@@ -6,6 +6,7 @@ import mujoco
 
 from eairl_jax.envs.locomotion import Locomotion
 from eairl_jax.envs.mjx_task import Camera, GymnasiumTask
+from eairl_jax.envs.names import TaskError
 
 # The density (kg/m^3) makes a total mass of 14 kg. Gymnasium's model sets the mass by `settotalmass`, which MuJoCo 4
 # deprecates.
@@ -104,8 +105,8 @@ class HalfCheetah(Locomotion):
     | 4     | torque at fshin  | 60 N m  | [-1, 1] |
     | 5     | torque at ffoot  | 30 N m  | [-1, 1] |
 
-    Reward: `forward velocity - 0.1 |action|^2`, the velocity being the torso's displacement along x over the time of
-    the step (m/s).
+    Reward: `forward velocity - control_cost |action|^2`, the velocity being the torso's displacement along x over the
+    time of the step (m/s).
 
     Start: positions uniform within 0.1 (m, rad) of the model's, velocities normal with std 0.1 (m/s, rad/s).
 
@@ -115,17 +116,20 @@ class HalfCheetah(Locomotion):
 
     Args:
       fidelity: "fast" or "exact"; see `locomotion.py`. Both take Euler steps, like Gymnasium.
+      control_cost: weight of `|action|^2` in the reward, from 0 to 100. Experts of another weight have another gait.
 
     Raises:
-      TaskError: for an unknown fidelity.
+      TaskError: for an unknown fidelity, or another weight.
     """
 
     first_observed = 1
     camera = Camera(90, -10, 3.5, follows=True)
-    control_cost = 0.1
-    gymnasium = GymnasiumTask("HalfCheetah-v5")
     obs_mean = (0.0,) * 17
     obs_std = (0.2, 1.0, *(0.4,) * 6, 4.0, 1.0, 3.0, *(10.0,) * 6)
 
-    def __init__(self, fidelity: str = "fast"):
+    def __init__(self, fidelity: str = "fast", control_cost: float = 0.1):
+        if not (type(control_cost) in (int, float) and 0 <= control_cost <= 100):
+            raise TaskError(f"control_cost = {control_cost!r}: expected a weight of |action|^2, from 0 to 100")
+        self.control_cost = float(control_cost)
+        self.gymnasium = GymnasiumTask("HalfCheetah-v5", dict(ctrl_cost_weight=self.control_cost))
         super().__init__(mujoco.MjSpec.from_string(MJCF), frame_skip=5, fidelity=fidelity)

@@ -12,7 +12,7 @@ from typing import Any
 
 from eairl_jax import Config, HParams, InputError
 from eairl_jax.arguments import Range
-from eairl_jax.config import choose
+from eairl_jax.config import OWN_PART, choose
 from eairl_jax.envs.mjx_task import Task
 from eairl_jax.envs.names import OWN, TaskName, parse
 from eairl_jax.envs.registry import each_of
@@ -103,6 +103,7 @@ PENALTY_OF_WEIGHT = {
     "gradient_penalty": "gradient",
     "action_variance": "action_variance",
     "input_sparsity": "input_sparsity",
+    "own_part": OWN_PART,
 }
 
 
@@ -249,7 +250,7 @@ EMPOWERMENT = frozenset(
 ADVERSARY = frozenset(
     {"discriminator_lr", "history", "history_length", "policy_reset_every", "shaping", "shaping_discount", "horizon"}
     | {"reward_form", "reward_obs", "action_part", "discriminates", "update_order", "hidden", "net"}
-    | {"gradient_penalty", "action_variance", "input_sparsity", "empowerment_steps"}
+    | {"gradient_penalty", "action_variance", "input_sparsity", "own_part", "empowerment_steps"}
 )
 TRPO = frozenset({"kl_limit", "cg_damping", "cg_iterations", "line_search_steps"})
 PPO = frozenset({"clip_eps", "max_grad_norm"})

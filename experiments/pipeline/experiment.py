@@ -18,7 +18,7 @@ from eairl_jax import (
     demonstrations,
     horizon,
 )
-from eairl_jax.config import Config
+from eairl_jax.config import OWN_PART, Config
 from eairl_jax.discriminator import check_network
 from eairl_jax.discriminator_data import check_segments
 from eairl_jax.envs.names import file_name
@@ -320,6 +320,7 @@ def searched(options: Search, space: Searched) -> Experiment:
 
 def _for_points(options: Sweep | Search, fixed: tuple[str, ...], points: Sequence[dict[str, float]]) -> Experiment:
     """An experiment whose program can train all these values; every point is checked before any is trained."""
+    _refuse_without_own_part(points)
     # The largest value decides what has to be computed at all (a penalty of weight 0 is not).
     names = dict.fromkeys(name for point in points for name in point)
     largest = tuple(f"{name}={max(point[name] for point in points if name in point)}" for name in names)
@@ -341,6 +342,16 @@ def _for_points(options: Sweep | Search, fixed: tuple[str, ...], points: Sequenc
     for point in points:  # an impossible point is refused before any point is trained
         recipe(options.task, experiment.source.env, "imitate", overrides | point)
     return experiment
+
+
+def _refuse_without_own_part(points: Sequence[dict[str, float]]) -> None:
+    """Raises `InputError` if some points have parts of the reward for each source, and others none."""
+    weights = {point[OWN_PART] for point in points if OWN_PART in point}
+    if 0.0 in weights and len(weights) > 1:
+        raise InputError(
+            f"{OWN_PART}: with 0 the sources have no parts of their own, which is another program than with "
+            f"{max(weights):g}; leave 0 out here, and train it by a command of its own"
+        )
 
 
 class Grid(NamedTuple):

@@ -272,6 +272,72 @@ def test_input_sparsity_leaves_a_reward_the_inputs_that_tell_the_expert(made, sa
     assert shares[0.1] > 0.9 > 0.7 > shares[0.0]
 
 
+SOURCES = dict(context_size=2, penalties=("own_part",), shaping="none")
+
+
+@pytest.fixture
+def of_two_sources(samples):
+    """`samples` whose observations end with two entries that name one of two sources, by turns."""
+
+    def make(seed, length=1):
+        x = samples(seed, length)
+        which = jnp.broadcast_to(jax.nn.one_hot(jnp.arange(BATCH) % 2, 2)[:, None], (BATCH, length, 2))
+        return x._replace(**{name: x._asdict()[name].at[..., 2:].set(which) for name in ("obs", "next_obs")})
+
+    return make
+
+
+@pytest.mark.parametrize("form", ["s", "sa", "separable"])
+def test_each_source_has_a_part_of_the_reward_for_itself(made, of_two_sources, mlp, form):
+    config, params = made(**SOURCES, reward_form=form)
+    x = of_two_sources(1)
+    seen = x.obs if form == "s" else np.concatenate([x.obs, x.action], axis=-1)
+    m = mlp(params["m"], seen)[..., 0]
+    r = discriminator.reward(params, x.obs, x.action, config)
+    logit = discriminator.logit_expert_high(params, x, GAMMA, config)
+    np.testing.assert_allclose(logit, r + m - x.log_prob, rtol=1e-4, atol=1e-5)
+    other = x._replace(obs=x.obs.at[..., 2:].set(1.0 - x.obs[..., 2:]))
+    np.testing.assert_array_equal(discriminator.reward(params, other.obs, x.action, config), r)
+    assert (discriminator.own_part(params, other.obs, x.action, config) != m).all()
+
+
+def test_what_a_source_has_for_itself_is_charged_by_its_mean_square(made, of_two_sources):
+    config, params = made(**SOURCES)
+    expert, policy = of_two_sources(1), of_two_sources(2)
+    free, charged = (
+        discriminator.loss(params, expert, policy, HPARAMS.replace(own_part=w), config) for w in (0.0, 0.7)
+    )
+    both = jax.tree.map(lambda e, p: jnp.concatenate([e, p]), expert, policy)
+    size = np.mean(np.square(discriminator.own_part(params, both.obs, both.action, config)))
+    np.testing.assert_allclose(charged[0] - free[0], 0.7 * size, rtol=1e-4)
+    np.testing.assert_allclose(charged[1]["own_part"], size, rtol=1e-5)
+
+
+def test_the_shared_reward_holds_what_two_demonstrators_share(made, of_two_sources):
+    """Both go far in the first entry; in the second one goes up and the other down."""
+
+    def drawn(seed, share, style):
+        x = jax.tree.map(lambda *parts: jnp.concatenate(parts), *(of_two_sources(seed + 2 * i) for i in range(20)))
+        shift = jnp.stack([share + 0 * x.obs[..., 2], style * (x.obs[..., 2] - x.obs[..., 3])], axis=-1)
+        return x._replace(obs=x.obs.at[..., :2].add(shift), log_prob=jnp.zeros_like(x.log_prob))
+
+    minibatches = jax.tree.map(lambda x: jnp.repeat(x[None], 400, axis=0), (drawn(1, 1.5, 1.5), drawn(2, 0.0, 0.0)))
+    config, params = made(**SOURCES, reward_form="s")
+    hparams = HParams(discriminator_lr=1e-2, own_part=0.03)
+    fitted, _ = discriminator.fit(train_state.init(params), *minibatches, hparams, config)
+
+    def slope(function, obs):
+        return jax.vmap(jax.grad(lambda o: function(fitted.params, o, jnp.zeros(2), config)))(obs)[:, :2].mean(axis=0)
+
+    obs = minibatches[1].obs[0].reshape(-1, 4)
+    shared = slope(discriminator.reward, obs)
+    assert shared[0] > 0.3
+    assert abs(shared[1]) < 0.2 * shared[0]
+    first, second = (slope(discriminator.own_part, obs[obs[:, source] == 1]) for source in (2, 3))
+    assert first[1] > 0.3
+    assert second[1] < -0.3
+
+
 @pytest.mark.parametrize(
     ("name", "weight"),
     [("gradient", "gradient_penalty"), ("action_variance", "action_variance"), ("input_sparsity", "input_sparsity")],

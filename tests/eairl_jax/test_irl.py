@@ -438,10 +438,18 @@ def test_a_reward_of_several_sources_does_not_see_which_one_it_is(toy, tiny, tra
     [
         ({"context_size": 1}, "context_size = 1: this task has 2"),
         ({"horizon": "absorbing"}, "horizon absorbing is not possible with several sources"),
+        ({"method": "own_loss", "penalties": ("own_part",)}, "own_part: the reward of own_loss is no part of its"),
     ],
 )
-def test_settings_that_several_sources_cannot_have_are_refused(toy, tiny, changes, message):
+def test_settings_that_several_sources_cannot_have_are_refused(toy, tiny, no_trace, changes, message):
+    del no_trace
+    METHODS["own_loss"] = dataclasses.replace(METHODS["gail"], reward_loss=lambda rewards, logits: rewards.mean())
     env = toy()
     env.context_size = 2
     with pytest.raises(InputError, match=message):
-        make_irl(env, tiny(method="airl_sa", **changes))
+        make_irl(env, tiny(**{"method": "airl_sa"} | changes))
+
+
+def test_one_source_has_no_part_of_the_reward_for_itself(toy, tiny):
+    with pytest.raises(InputError, match="own_part: there is one source"):
+        make_irl(toy(), tiny(method="airl_sa", penalties=("own_part",)))

@@ -89,6 +89,13 @@ def test_a_sweep_is_one_experiment_of_all_points():
     assert swept.settings()["sweep"] == list(swept.points)
 
 
+def test_a_sweep_does_not_mix_programs_with_and_without_own_parts():
+    with pytest.raises(InputError, match="own_part: with 0 the sources have no parts of their own"):
+        sweeps(Sweep("point_maze_left+point_maze_right", set=("own_part=0,0.1",)))
+    (swept,) = sweeps(Sweep("point_maze_left+point_maze_right", set=("own_part=0.01,0.1",)))
+    assert swept.config.penalties == ("own_part",)
+
+
 def test_a_sweep_over_names_is_an_experiment_for_each_combination():
     swept = sweeps(Sweep("pendulum", set=("num_envs=2,4", "beta=1,2", "activation=relu,tanh")))
     assert [(each.config.num_envs, each.config.activation) for each in swept] == [
