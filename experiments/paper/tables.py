@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
+from eairl_jax import demonstrations
 from eairl_jax.experiments.display.console import mean_and_std
 from eairl_jax.experiments.paper import published, results
 from eairl_jax.experiments.pipeline.diagnosis import FROM_EXPERT, TRAINED, VERDICTS, Diagnosis
-from eairl_jax.experiments.pipeline.places import Reference
+from eairl_jax.experiments.pipeline.places import Reference, shipped_demonstrations
 from eairl_jax.experiments.pipeline.run import Result
 from eairl_jax.storage import replacing
 
@@ -260,6 +261,37 @@ def _source_table(group: list[Result]) -> Table:
     return Table(f"in {first.target}", columns, [*lines, ("random actions", [_random_actions(first)])])
 
 
+DEMOS = "+demos="
+"""Stands in a result's name before the quality of its demonstrations."""
+
+
+def imperfect(experiment: list[Result]) -> list[Table]:
+    """For each task and quality of demonstrations the rewards learned from them, and used in the same task."""
+    groups: dict[tuple[str, str], list[Result]] = {}
+    for result in experiment:
+        if DEMOS in result.name and result.task == result.target:
+            groups.setdefault((result.task, result.name.partition(DEMOS)[2]), []).append(result)
+    return [_imperfect_table(group, quality) for (_, quality), group in groups.items()]
+
+
+def _imperfect_table(group: list[Result], quality: str) -> Table:
+    first = group[0]
+    demonstrated = demonstrations.provenance(shipped_demonstrations(first.task, quality))["expert_return"]
+    lines = [
+        ("expert", [_expert(first, {})]),
+        ("ceiling", [Cell(_mean_and_std(first.ceiling), ceiling(first))]),
+        ("the demonstrator", [Cell(f"{demonstrated:.2f}", first.reference.normalized(demonstrated))]),
+    ]
+    for result in results.in_order(group):
+        name = f"{results.title(result.name.partition(DEMOS)[0])}, {result.rule}"
+        over = [f"{each / demonstrated:.2f}" for each in (result.mean, min(result.returns))]
+        lines.append((name, [_with_lowest(result), Cell(f"{over[0]}, lowest {over[1]}")]))
+    columns = ["in the same task", "over the demonstrator"]
+    return Table(
+        f"{first.task}, demonstrator: {quality}", columns, [*lines, ("random actions", [_random_actions(first)])]
+    )
+
+
 def _with_lowest(result: Result | None) -> Cell:
     """The score of a result, and its lowest seed's beside it."""
     if result is None:
@@ -311,14 +343,14 @@ OWN = {
     "diagnosis": ("table1", diagnoses),
     "sources": ("sources", by_source),
     "exact-phi": ("ablations", exact_phi),
+    "imperfect": ("imperfect", imperfect),
 }
 
 
 def updated(text: str, folder: Path = results.FOLDER) -> str:
     """The text with new tables between `<!-- NAME -->` and `<!-- end -->`.
 
-    NAME is a key of `published.TABLES`, "transfer" for the compact table of all transfers, "diagnosis", "sources" or
-    "exact-phi".
+    NAME is a key of `OWN` or of `published.TABLES`.
     """
 
     def block(match: re.Match) -> str:

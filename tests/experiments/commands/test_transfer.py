@@ -92,7 +92,7 @@ def test_every_method_moves_its_reward_to_the_crippled_ant(tmp_path, tiny, run, 
 def test_one_reward_is_learned_from_two_sources_and_used_in_a_third_task(tmp_path, tiny, capsys, run, retrain_settings):
     mazes = "point_maze_left+point_maze_right"
     arguments = ["transfer", mazes, "point_maze_middle", "--seeds", 2, "--restarts", 1, "--out", tmp_path]
-    settings = ["--set", *tiny, "--retrain-set", *retrain_settings]
+    settings = ["--set", *tiny, "own_part=0.1", "--retrain-set", *retrain_settings]
     assert run(*arguments, "--rule", "source_retrain", "random", *settings) == 0
     folders = sorted(tmp_path.glob("transfer-*"))
     assert len(folders) == 2

@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from eairl_jax import demonstrations
 from eairl_jax.experiments.paper import published, tables
+from eairl_jax.experiments.pipeline.places import shipped_demonstrations
 
 ROOT = Path(__file__).parents[3]
 MAZES = ("point_maze_left", "point_maze_right")
@@ -83,6 +85,20 @@ def test_the_table_of_an_exact_phi_says_what_the_same_seeds_gain(make_result):
         ("EAIRL, Phi over 5 steps", ["6.00 ± 1.00", "+0.00 (+0.00 to +0.00)", "2 mistaken"]),
         ("EAIRL, Phi over 20 steps", ["7.50 ± 1.50", "+1.50 (-4.85 to +7.85)", "not diagnosed"]),
     ]
+
+
+def test_the_table_of_imperfect_demonstrations(make_result):
+    demonstrated = demonstrations.provenance(shipped_demonstrations("half_cheetah", "half"))["expert_return"]
+    experiment = [
+        make_result("eairl-separable+demos=half", [demonstrated, 2 * demonstrated], *["half_cheetah"] * 2, rule)
+        for rule in ("last", "ssrr")
+    ]
+    (table,) = tables.imperfect([*experiment, make_result("eairl-sa", [1.0], "ant", "ant", "last")])
+    assert table.title == "half_cheetah, demonstrator: half"
+    lines = {name: [cell.ours for cell in cells] for name, cells in table.lines}
+    assert lines["the demonstrator"] == [f"{demonstrated:.2f}"]
+    assert [name for name in lines if name.startswith("EAIRL")] == ["EAIRL, separable, last", "EAIRL, separable, ssrr"]
+    assert lines["EAIRL, separable, ssrr"][1] == "1.50, lowest 1.00"
 
 
 def test_what_is_gained_is_of_the_seeds_that_both_have(make_result):
