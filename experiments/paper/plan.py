@@ -104,6 +104,8 @@ ABLATIONS = (
 SEPARABLE_ABLATIONS = (("shaping=empowerment",), ("lambda_i=1",))
 # Phi by the simulator, over K steps, in both directions and beside Phi = 0: `docs/results.md`, "Exact empowerment".
 EXACT_PHI = tuple(("shaping=exact_empowerment", f"empowerment_steps={steps}") for steps in (1, 5, 20))
+# The paper's own protocol of learning in the mazes: TRPO, 20,000 steps an update, 2.6M steps.
+PROTOCOL = ("optimizer=trpo", "num_envs=200", "iterations=130")
 # Of the separable reward of the ant: the penalty on slopes in place of sparsity, less sparsity, other potentials.
 ANT_ABLATIONS = (
     ("gradient_penalty=0.1", "input_sparsity=0"),
@@ -161,6 +163,11 @@ def _exact_phi(pair: Pair, others: tuple[tuple[str, ...], ...] = ()) -> list[Pla
         for form in ("default", "separable")
         for settings in (*others, *EXACT_PHI)
     ]
+
+
+def _protocol(pair: Pair) -> list[Planned]:
+    """The methods that the paper transfers, learned as the paper learns."""
+    return [Planned(pair[0], method, form, pair[1], settings=PROTOCOL) for method, form in TRANSFERRED[:3]]
 
 
 def _ant_ablations(pair: Pair) -> list[Planned]:
@@ -229,6 +236,8 @@ EXPERIMENTS: dict[str, list[Planned]] = {
         *_maze_ablations(MAZES[0]),
         *_exact_phi(MAZES[0]),
         *_exact_phi(MAZES[1], others=(("shaping=none",),)),
+        *_protocol(MAZES[0]),
+        *_protocol(MAZES[1]),
         *_ant_ablations(ANTS),
     ],
     "sources": _sources(),
