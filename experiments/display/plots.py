@@ -180,6 +180,49 @@ def plot_diagnosis(path: Path, title: str, behaviours: dict[str, tuple[np.ndarra
     save(figure, path)
 
 
+def plot_ranking(
+    path: Path,
+    title: str,
+    noise: np.ndarray,
+    true: np.ndarray,
+    rated: Mapping[str, np.ndarray],
+    fitted: np.ndarray | None,
+) -> None:
+    """Saves panels with a dot for each noisy episode, in another colour for each seed.
+
+    Args:
+      noise: `[episodes]` the share of random actions.
+      true: `[seeds, episodes]` true returns.
+      rated: by the name of a reward its ratings `[seeds, episodes]`; the last one is the new reward's.
+      fitted: `[seeds, episodes]` what the new reward follows, in standard deviations; None if it follows the noise.
+    """
+    *before, (new, ratings) = rated.items()
+    figure, (axes,) = figure_of(1, 2 + len(before), (3.4, 3.0), title)
+    panels = [("true return", true), *((name, _standardised(values)) for name, values in before)]
+    for axis, (label, values) in zip(axes, panels, strict=False):
+        for seed, of_seed in enumerate(values):
+            axis.plot(noise, of_seed, ".", color=f"C{seed % 10}", alpha=0.5, mec="none")
+        axis.set_xlabel("share of random actions")
+        axis.set_ylabel(label, fontsize=8)
+    if before and fitted is not None:
+        for seed, (of_seed, ratings_of_seed) in enumerate(zip(fitted, panels[1][1], strict=True)):
+            share = np.mean(of_seed * ratings_of_seed)  # of the ratings' spread that the curve explains
+            axes[1].plot(noise, share * of_seed, color=f"C{seed % 10}", lw=1)
+    for seed, (of_seed, learned) in enumerate(zip(true, _standardised(ratings), strict=True)):
+        axes[-1].plot(of_seed, learned, ".", color=f"C{seed % 10}", alpha=0.5, mec="none")
+    axes[-1].set_xlabel("true return")
+    axes[-1].set_ylabel(new, fontsize=8)
+    for axis in axes:
+        axis.spines[["top", "right"]].set_visible(False)
+    save(figure, path)
+
+
+def _standardised(values: np.ndarray) -> np.ndarray:
+    """Rows `[seeds, n]` with mean 0 and standard deviation 1; a row of one value is 0."""
+    std = values.std(axis=1, keepdims=True)
+    return (values - values.mean(axis=1, keepdims=True)) / np.where(std > 0, std, 1.0)
+
+
 def _dots(axis: Any, lines: Mapping[str, np.ndarray], colors: Sequence[str]) -> None:
     """Draws a line for each name, from above to below: a dot for each score, and a bar at their mean."""
     for line, (values, color) in enumerate(zip(lines.values(), colors, strict=True)):

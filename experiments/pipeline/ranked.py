@@ -14,6 +14,7 @@ import numpy as np
 from eairl_jax import Algorithm, Config, learned_reward, noise_ranking
 from eairl_jax.environment import context_size
 from eairl_jax.experiments.display.console import say
+from eairl_jax.experiments.display.plots import plot_ranking
 from eairl_jax.experiments.pipeline import divergence
 from eairl_jax.experiments.pipeline.experiment import Experiment
 from eairl_jax.experiments.pipeline.places import reward_obs_size
@@ -25,7 +26,7 @@ from eairl_jax.normalize import ObsStats
 from eairl_jax.storage import write_json
 from eairl_jax.types import PyTree
 
-FILE = "ranking.json"
+FILE, PICTURE = "ranking.json", "ranking.png"
 
 
 class Fitted(NamedTuple):
@@ -101,8 +102,15 @@ def _warn_of_flat(seeds: Sequence[int], target: np.ndarray) -> None:
 
 
 def write(path: Path, fitted: Fitted) -> None:
-    """Writes the facts into the folder of a run."""
+    """Writes the facts into the folder of a run, and draws them."""
+    facts = {name: None if values is None else np.array(values, np.float64) for name, values in fitted.facts.items()}
     write_json(path / FILE, fitted.facts)
+    rated = {
+        "the learned reward, standardised": facts["ratings_before"],
+        "the new reward, standardised": facts["ratings_after"],
+    }
+    known = {name: values for name, values in rated.items() if values is not None}
+    plot_ranking(path / PICTURE, path.name, facts["noise"], facts["true_returns"], known, facts["ratings_fitted"])
 
 
 def _obs_stats(experiment: Experiment, state: PyTree) -> ObsStats:

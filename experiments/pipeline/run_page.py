@@ -19,6 +19,7 @@ PICTURES = {
     "curves.png": "While it trained",
     "reward.png": "The learned reward of action 0, bright where it is high",
     "diagnosis.png": "What the learned reward is worth",
+    "ranking.png": "Noisy episodes, a colour a seed: what they are worth, and what the new reward makes of them",
     "view/frames.png": "An episode",
 }
 LINKS = {"view/episode.html": "an episode, to be played", "metrics.csv": "all metrics", "summary.json": "the result"}

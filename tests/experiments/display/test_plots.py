@@ -13,6 +13,7 @@ from eairl_jax.experiments.display.plots import (
     curve_figure,
     dots_figure,
     plot,
+    plot_ranking,
     plot_search,
     plot_sweep,
 )
@@ -131,3 +132,18 @@ def test_a_search_shows_a_dot_for_each_trial_and_marks_the_best(tmp_path, monkey
         )
     plot_search(tmp_path / "search.png", "title", axes, np.full(3, np.nan), "score", None)
     assert [len(panel.lines) for panel in figures[1].axes[:2]] == [1, 1]
+
+
+def test_a_ranking_shows_noise_true_returns_and_the_curve_that_the_new_reward_follows(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("eairl_jax.experiments.display.plots.save", lambda figure, path: drawn.append(figure))
+    noise, true = np.array([0.0, 0.5, 1.0]), np.array([[3.0, 2.0, 1.0], [5.0, 5.0, 2.0]])
+    rated, fitted = {"first": 10.0 * true, "new": true}, np.sqrt(1.5) * np.array([[1.0, 0.0, -1.0]] * 2)
+    plot_ranking(tmp_path / "x.png", "title", noise, true, rated, fitted)
+    plot_ranking(tmp_path / "x.png", "title", noise, true, {"new": true}, None)
+    with_first, without = (figure.axes for figure in drawn)
+    assert [axis.get_ylabel() for axis in with_first] == ["true return", "first", "new"]
+    assert [axis.get_ylabel() for axis in without] == ["true return", "new"]
+    dots, curve = with_first[1].lines[0].get_ydata(), with_first[1].lines[2].get_ydata()
+    np.testing.assert_allclose(dots, curve, atol=1e-6)  # of seed 0, whose ratings lie on the curve
+    np.testing.assert_array_equal(with_first[2].lines[1].get_xdata(), true[1])

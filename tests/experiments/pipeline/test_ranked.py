@@ -42,6 +42,7 @@ def test_a_ranking_gives_each_seed_a_new_reward_of_the_same_form(tmp_path, trans
     shape = (2, len(noise_of_episodes()))
     for name in ("true_returns", "ratings_before", "ratings_fitted", "ratings_after"):
         assert np.shape(facts[name]) == shape, name
+    assert "Noisy episodes" in (folder / "index.html").read_text()  # beside their picture
     (folder / "summary.json").unlink()  # killed before the end: the same reward again
     before = (folder / "reward" / "reward.npz").read_bytes()
     assert transfer(tmp_path, "airl_s", "ssrr") == 0
