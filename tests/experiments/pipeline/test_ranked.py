@@ -3,61 +3,70 @@
 import dataclasses
 import json
 
+import jax
 import numpy as np
 import pytest
 
-from eairl_jax import Config, load_reward
-from eairl_jax.experiments.pipeline import ranked
+from eairl_jax import Config, InputError, load_reward
+from eairl_jax.experiments.options import Transfer
+from eairl_jax.experiments.pipeline import ranked, stages
+from eairl_jax.experiments.pipeline.experiment import transfers
+from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.noise_ranking import RANKINGS, noise_of_episodes
 
 FAST = {name: dataclasses.replace(each, updates=20) for name, each in RANKINGS.items()}
+OF_BC = ("iterations=2", "snapshot_every=2")
 
 
 @pytest.fixture
-def transfer(tiny, retrain_settings, run, monkeypatch):
-    """`(out, method, *rules) -> exit code` of a tiny transfer of the pendulum's reward to the pendulum."""
+def choose(tmp_path, tiny, retrain_settings, monkeypatch):
+    """`(method, rule) -> (choice, folder)`: a tiny learning of the pendulum's reward, and the rule's reward of it."""
     monkeypatch.setattr(ranked, "RANKINGS", FAST)
-    read = {"airl_s": [each for each in tiny if "empowerment" not in each], "bc": ["iterations=2", "snapshot_every=2"]}
+    read = {"airl_s": tuple(each for each in tiny if "empowerment" not in each), "bc": OF_BC}
 
-    def command(out, method, *rules):
-        arguments = ["transfer", "pendulum", "pendulum", "--method", method, "--seeds", 2, "--rule", *rules]
-        return run(*arguments, "--out", out, "--set", *read[method], "--retrain-set", *retrain_settings)
+    def chosen(method, rule):
+        settings = {"set": read[method], "retrain_set": tuple(retrain_settings)}
+        (experiment,) = transfers(Transfer("pendulum", "pendulum", (method,), seeds=2, rule=(rule,), **settings))
+        folder = RunFolder(tmp_path / rule, experiment.settings())
+        learning = RunFolder(tmp_path / "learning", experiment.learning_settings())
+        for each in (folder, learning):
+            each.prepare()
+        return stages.choose_reward(folder, learning, experiment, experiment.use), folder.path
 
-    return command
+    return chosen
 
 
-def only(folder, pattern):
-    (found,) = folder.glob(pattern)
-    return found
-
-
-def test_a_ranking_gives_each_seed_a_new_reward_of_the_same_form(tmp_path, transfer):
-    assert transfer(tmp_path, "airl_s", "ssrr") == 0
-    folder = only(tmp_path, "transfer-*-ssrr")
-    rewards = [load_reward(folder / "reward"), load_reward(only(tmp_path, "learn-*") / "snapshots" / "000004")]
+def test_a_ranking_gives_each_seed_a_new_reward_of_the_same_form(choose, tmp_path):
+    (reward, facts), folder = choose("airl_s", "ssrr")
+    assert facts == {"chosen_iterations": [4, 4]}
+    before = load_reward(tmp_path / "learning" / "snapshots" / "000004")
     obs, action = np.array([1.0, 0.0, 0.5]), np.zeros(1)
-    assert len({float(reward(obs, action, seed)) for reward in rewards for seed in (0, 1)}) == 4
-    assert {(each.description["reward_form"], *each.description["seeds"]) for each in rewards} == {("s", 0, 1)}
-    facts = json.loads((folder / ranked.FILE).read_text())
-    shape = (2, len(noise_of_episodes()))
+    assert len({float(each(obs, action, seed)) for each in (reward, before) for seed in (0, 1)}) == 4
+    assert {(each.description["reward_form"], *each.description["seeds"]) for each in (reward, before)} == {("s", 0, 1)}
+    written, shape = json.loads((folder / ranked.FILE).read_text()), (2, len(noise_of_episodes()))
     for name in ("true_returns", "ratings_before", "ratings_fitted", "ratings_after"):
-        assert np.shape(facts[name]) == shape, name
-    assert "Noisy episodes" in (folder / "index.html").read_text()  # beside their picture
-    (folder / "summary.json").unlink()  # killed before the end: the same reward again
-    before = (folder / "reward" / "reward.npz").read_bytes()
-    assert transfer(tmp_path, "airl_s", "ssrr") == 0
-    assert (folder / "reward" / "reward.npz").read_bytes() == before
+        assert np.shape(written[name]) == shape, name
+    assert (folder / ranked.PICTURE).is_file()
+    (again, _), _ = choose("airl_s", "ssrr")  # after a kill
+    jax.tree.map(np.testing.assert_array_equal, again.params, reward.params)
 
 
-def test_behaviour_cloning_has_d_rex_and_no_ssrr(tmp_path, transfer, capsys):
-    assert transfer(tmp_path / "refused", "bc", "ssrr") == 2
-    error = capsys.readouterr().err
-    assert "bc learns no reward, and the rule ssrr needs one" in error
-    assert "--rule policy or d_rex" in error
-    assert not (tmp_path / "refused").exists()
-    assert transfer(tmp_path / "run", "bc", "d_rex") == 0
-    reward = load_reward(only(tmp_path / "run", "transfer-*-d_rex") / "reward")
+def test_behaviour_cloning_has_d_rex_and_no_ssrr(choose):
+    with pytest.raises(InputError, match=r"bc learns no reward, and the rule ssrr needs one.*--rule policy or d_rex"):
+        choose("bc", "ssrr")
+    (reward, _), folder = choose("bc", "d_rex")
     assert (reward.description["method"], reward.description["reward_form"]) == ("bc", "s")
+    assert json.loads((folder / ranked.FILE).read_text())["ratings_before"] is None
+
+
+@pytest.mark.slow
+def test_a_transfer_by_a_ranking_ends_with_a_score_and_a_page(tmp_path, tiny, retrain_settings, run, monkeypatch):
+    monkeypatch.setattr(ranked, "RANKINGS", FAST)
+    arguments = ["transfer", "pendulum", "pendulum", "--rule", "d_rex", "--seeds", 2, "--out", tmp_path]
+    assert run(*arguments, "--set", *tiny, "--retrain-set", *retrain_settings) == 0
+    (folder,) = tmp_path.glob("transfer-*-d_rex")
+    assert np.isfinite(json.loads((folder / "summary.json").read_text())["returns"]).all()
+    assert "Noisy episodes" in (folder / "index.html").read_text()  # beside their picture
 
 
 def test_the_reward_keeps_the_form_of_its_method():
