@@ -83,7 +83,7 @@ def test_reproduce_draws_and_reports(tmp_path, tiny, monkeypatch, capsys, run):
     eairl = [Planned(pair[0], "eairl", "default", pair[1], rule) for rule in ("last", "policy", "random")]
     changed = Planned(pair[0], "eairl", "default", pair[1], settings=("lambda_i=0",))
     retrained = Planned(pair[0], "eairl", "default", pair[1], retrain_settings=("entropy_weight=1",))
-    _plan(monkeypatch, {"table1": eairl, "table2": [], "ablations": [changed, retrained]})
+    _plan(monkeypatch, {table: [] for table in plan.EXPERIMENTS} | {"table1": eairl, "ablations": [changed, retrained]})
     monkeypatch.setattr(reproduce, "short", lambda quick: tiny[:2] + tiny[-2:])
     monkeypatch.setattr("eairl_jax.experiments.paper.reward_distance.TRANSITIONS", 16)
     assert run("reproduce", "all", "--quick", "--out", tmp_path) == 0
