@@ -126,9 +126,7 @@ def _transfer_table(transfer: list[Result], experiment: list[Result], figures: p
     by_column |= {(result.name, HOME): result for result in experiment if result.task == result.target == first.task}
     by_column |= {(result.name, FAULT): result for result in transfer if result.rule == "last"}
     columns = [column for column in ("last", FAULT, *RULES[1:], HOME) if any(column == each for _, each in by_column)]
-    expert = ("expert", [_expert(first, figures)])
-    best = ("ceiling", [Cell(_mean_and_std(first.ceiling), ceiling(first))])
-    lines = [expert, best]
+    lines = _above(first, figures)
     for name in results.names_in_order(result for result in transfer if result.rule in RULES):
         # The paper's rewards are those of the last iteration.
         cells = [_transfer_cell(by_column.get((name, column)), column, figures) for column in columns]
@@ -138,8 +136,18 @@ def _transfer_table(transfer: list[Result], experiment: list[Result], figures: p
     if picked:
         lines.append(("EAIRL, iteration picked by its score in the target", [cell(picked, {})]))
     lines += [("random reward", [cell(result, {})]) for result in transfer if result.rule == "random"]
-    random = ("random actions", [_random_actions(first)])
-    return Table(results.pair(first), [*columns, IMITATING], [*lines, random])
+    return Table(results.pair(first), [*columns, IMITATING], [*lines, _below(first)])
+
+
+def _above(result: Result, figures: published.Table) -> list[tuple[str, list[Cell]]]:
+    """The first lines of the table of a transfer: what the rewards are measured by."""
+    best = Cell(_mean_and_std(result.ceiling), ceiling(result))
+    return [("expert", [_expert(result, figures)]), ("ceiling", [best])]
+
+
+def _below(result: Result) -> tuple[str, list[Cell]]:
+    """The last line of the table of a transfer."""
+    return "random actions", [_random_actions(result)]
 
 
 def _transfer_cell(result: Result | None, column: str, figures: published.Table) -> Cell:
@@ -252,13 +260,13 @@ def by_source(experiment: list[Result]) -> list[Table]:
 def _source_table(group: list[Result]) -> Table:
     first, sources = group[0], list(dict.fromkeys(result.task for result in group))
     of = {(result.name, result.task): result for result in group}
-    lines = [("expert", [_expert(first, {})]), ("ceiling", [Cell(_mean_and_std(first.ceiling), ceiling(first))])]
+    lines = _above(first, {})
     for name in results.names_in_order(group):
         found = [of.get((name, source)) for source in sources]
         cells = [cell for result in found for cell in (_with_lowest(result), Cell(fault(result)))]
         lines.append((results.title(name), cells))
     columns = [column for source in sources for column in (source, FAULT)]
-    return Table(f"in {first.target}", columns, [*lines, ("random actions", [_random_actions(first)])])
+    return Table(f"in {first.target}", columns, [*lines, _below(first)])
 
 
 DEMOS = "+demos="
@@ -277,19 +285,14 @@ def imperfect(experiment: list[Result]) -> list[Table]:
 def _imperfect_table(group: list[Result], quality: str) -> Table:
     first = group[0]
     demonstrated = demonstrations.provenance(shipped_demonstrations(first.task, quality))["expert_return"]
-    lines = [
-        ("expert", [_expert(first, {})]),
-        ("ceiling", [Cell(_mean_and_std(first.ceiling), ceiling(first))]),
-        ("the demonstrator", [Cell(f"{demonstrated:.2f}", first.reference.normalized(demonstrated))]),
-    ]
+    demonstrator = Cell(f"{demonstrated:.2f}", first.reference.normalized(demonstrated))
+    lines = [*_above(first, {}), ("the demonstrator", [demonstrator])]
     for result in results.in_order(group):
         name = f"{results.title(result.name.partition(DEMOS)[0])}, {result.rule}"
         over = [f"{each / demonstrated:.2f}" for each in (result.mean, min(result.returns))]
         lines.append((name, [_with_lowest(result), Cell(f"{over[0]}, lowest {over[1]}")]))
     columns = ["in the same task", "over the demonstrator"]
-    return Table(
-        f"{first.task}, demonstrator: {quality}", columns, [*lines, ("random actions", [_random_actions(first)])]
-    )
+    return Table(f"{first.task}, demonstrator: {quality}", columns, [*lines, _below(first)])
 
 
 def _with_lowest(result: Result | None) -> Cell:
