@@ -140,9 +140,8 @@ class Config:
     sources a step is from. Set by the task (`envs.several`); 0 for a single source."""
     penalties: tuple[str, ...] = ()
     """Penalties on the reward that are computed: any of "gradient", "action_variance", "input_sparsity" and, for
-    several sources, "own_part", with which each source has a part of the reward for itself
-    (`discriminator.own_part`). Their weights
-    are in `HParams`."""
+    several sources, "own_part", with which each source has a part of the reward for itself (`discriminator.own_part`).
+    Their weights are in `HParams`."""
 
     # Empowerment
     empowerment_updates: int = 10

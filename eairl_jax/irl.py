@@ -185,9 +185,7 @@ def learned_reward(state: IRLState, context_size: int = 0) -> RewardParams:
         without these entries.
     """
     reward_params = {name: params for name, params in state.discriminator.params.items() if name in ("g", "k")}
-    stats = state.agent.obs_stats
-    size = stats.mean.shape[-1] - context_size
-    return RewardParams(reward_params, stats.replace(mean=stats.mean[..., :size], var=stats.var[..., :size]))
+    return RewardParams(reward_params, normalize.without_last(state.agent.obs_stats, context_size))
 
 
 def reward_function(config: Config) -> Callable[[RewardParams, jax.Array, jax.Array], jax.Array]:

@@ -27,12 +27,12 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from eairl_jax import discriminator, horizon, train_state
+from eairl_jax.agent import clip_actions
 from eairl_jax.config import Config
 from eairl_jax.environment import context_size
 from eairl_jax.evaluation import Act, evaluate, random_policy
 from eairl_jax.irl import RewardParams, reward_function
 from eairl_jax.normalize import ObsStats
-from eairl_jax.rollout import action_limit
 from eairl_jax.types import Env, Key, PyTree
 
 LEVELS = 20
@@ -47,7 +47,7 @@ class Pieces(NamedTuple):
     Attributes:
       reward: `[batch, length]` of the reward that is fitted; 0 where `counts` is 0.
       counts: `[batch, length]` 1 for the steps of the piece, 0 for the padding after it.
-      target: `[batch]` of the piece's episode (`Ranking.target`).
+      target: `[batch]` of the piece's episode (`targets`).
     """
 
     reward: jax.Array
@@ -128,13 +128,13 @@ class Episodes(NamedTuple):
       obs: `[N, T, obs]` as the reward sees them, raw.
       action: `[N, T, act]` as the reward sees them.
       counts: `[N, T]` 1 up to the end of the episode, 0 afterwards.
-      reward: `[N, T]` true rewards. Nothing is fitted to them.
+      true_return: `[N]` true returns. Nothing is fitted to them.
     """
 
     obs: jax.Array
     action: jax.Array
     counts: jax.Array
-    reward: jax.Array
+    true_return: jax.Array
 
 
 def noise_of_episodes() -> np.ndarray:
@@ -162,13 +162,10 @@ def play(key: Key, env: Env, act: Act, episode_length: int, config: Config) -> E
       config: of the reward that will be fitted. It says how actions and the steps after an end are seen.
     """
     noise = jnp.asarray(noise_of_episodes())
-    _, steps = evaluate(key, env, noisy(env, act, noise), len(noise), episode_length)
+    returns, steps = evaluate(key, env, noisy(env, act, noise), len(noise), episode_length)
     seen = horizon.extended(steps, config)
-    action = seen["action"]
-    if config.actions == "clipped":
-        action = jnp.clip(action, -action_limit(env), action_limit(env))
     end = seen["obs"].shape[-1] - context_size(env)
-    return Episodes(seen["obs"][..., :end], action, seen["valid"], steps["reward"])
+    return clip_actions(Episodes(seen["obs"][..., :end], seen["action"], seen["valid"], returns), env, config)
 
 
 def ratings(reward: Callable[[jax.Array, jax.Array], jax.Array], episodes: Episodes) -> jax.Array:

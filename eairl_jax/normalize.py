@@ -49,6 +49,12 @@ def initial(env: Env, mode: str) -> ObsStats:
     return ObsStats(mean, var, jnp.zeros(()))
 
 
+def without_last(stats: ObsStats, count: int) -> ObsStats:
+    """The statistics `[..., obs - count]` of observations without their last `count` entries."""
+    size = stats.mean.shape[-1] - count
+    return stats.replace(mean=stats.mean[..., :size], var=stats.var[..., :size])
+
+
 def flat_size(env: Env) -> int:
     """The length of an environment's observations.
 

@@ -44,14 +44,14 @@ def agreement(reward: LearnedReward, files: Sequence[tuple[Path, Demonstrations]
       InputError: if there are fewer than three episodes, if their returns do not differ by a seed's reward or by the
         true one, or if a return is not finite.
     """
-    true = np.concatenate([_true_returns(demos) for _, demos in files])
+    true = np.concatenate([_returns(demos) for _, demos in files])
     where = ", ".join(str(path) for path, _ in files)
     if len(true) < FEWEST:
         raise InputError(f"{where}: {len(true)} episodes; expected at least {FEWEST}, of good and bad policies")
     _refuse_alike(true, f"the true returns of {where}")
     seeds = reward.description["seeds"]
     learned = np.stack(
-        [np.concatenate([_returns(reward, lane, demos) for _, demos in files]) for lane in range(len(seeds))]
+        [np.concatenate([_returns(_paid(reward, lane, demos)) for _, demos in files]) for lane in range(len(seeds))]
     )
     for seed, returns in zip(seeds, learned, strict=True):
         _refuse_alike(returns, f"the returns of {where} by the reward of seed {seed}")
@@ -60,17 +60,16 @@ def agreement(reward: LearnedReward, files: Sequence[tuple[Path, Demonstrations]
     return Agreement(pearson, spearman, learned, true)
 
 
-def _true_returns(demos: Demonstrations) -> np.ndarray:
+def _paid(reward: LearnedReward, lane: int, demos: Demonstrations) -> Demonstrations:
+    """The same episodes, paid by the reward of one seed."""
+    paid = jax.jit(reward.function(lane))(jnp.asarray(demos.obs), jnp.asarray(demos.action))
+    return demos._replace(reward=np.asarray(paid))
+
+
+def _returns(demos: Demonstrations) -> np.ndarray:
     returns = demonstrations.returns(demos)
     assert returns is not None
     return returns.astype(np.float64)
-
-
-def _returns(reward: LearnedReward, lane: int, demos: Demonstrations) -> np.ndarray:
-    """The returns `[episodes]` by the reward of one seed."""
-    paid = jax.jit(reward.function(lane))(jnp.asarray(demos.obs), jnp.asarray(demos.action))
-    first = np.cumsum(demos.lengths) - demos.lengths
-    return np.add.reduceat(np.asarray(paid, np.float64), first)
 
 
 def _refuse_alike(returns: np.ndarray, what: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,12 +17,11 @@ from eairl_jax.experiments.display.console import say
 from eairl_jax.experiments.display.plots import plot_ranking
 from eairl_jax.experiments.pipeline import divergence
 from eairl_jax.experiments.pipeline.experiment import Experiment
-from eairl_jax.experiments.pipeline.places import reward_obs_size
 from eairl_jax.experiments.pipeline.train import RANK, lane_keys
 from eairl_jax.irl import RewardParams, reward_function
 from eairl_jax.methods import METHODS, with_method_defaults
 from eairl_jax.noise_ranking import RANKINGS
-from eairl_jax.normalize import ObsStats
+from eairl_jax.normalize import ObsStats, without_last
 from eairl_jax.storage import write_json
 from eairl_jax.types import PyTree
 
@@ -35,12 +34,13 @@ class Fitted(NamedTuple):
     Attributes:
       config: of the rewards.
       params: the rewards, `[seeds, ...]`.
-      facts: how well they follow the noise and the true reward; for people, nothing is decided by it.
+      facts: how well they follow the noise and the true reward, arrays `[episodes]`, `[seeds]` or `[seeds, episodes]`;
+        for people, nothing is decided by it. Those of a first reward are None if there is none.
     """
 
     config: Config
     params: RewardParams
-    facts: dict[str, Any]
+    facts: dict[str, np.ndarray | None]
 
 
 def reward_config(config: Config) -> Config:
@@ -61,7 +61,7 @@ def fit(experiment: Experiment, algorithm: Algorithm, state: PyTree, kind: str) 
     seeds = list(experiment.seeds)
     play_keys, fit_keys = (lane_keys(RANK, seeds, [part] * len(seeds)) for part in (0, 1))
     state = jax.tree.map(jnp.asarray, state)
-    stats = _obs_stats(experiment, state)
+    stats = without_last(state.agent.obs_stats, context_size(env))
 
     def play(state: PyTree, key: jax.Array):
         def act(obs: jax.Array, key: jax.Array) -> jax.Array:
@@ -73,7 +73,7 @@ def fit(experiment: Experiment, algorithm: Algorithm, state: PyTree, kind: str) 
         return noise_ranking.fit(key, episodes, target, stats, ranking, config)
 
     episodes = jax.jit(jax.vmap(play))(state, play_keys)
-    true = np.asarray(jnp.where(episodes.counts > 0, episodes.reward, 0.0).sum(axis=2))
+    true = np.asarray(episodes.true_return)
     first = learned_reward(state, context_size(env)) if ranking.rates else None
     rated = np.zeros_like(true) if first is None else _rated(config, first, episodes)
     target = np.stack([noise_ranking.targets(ranking, each) for each in rated])
@@ -81,12 +81,12 @@ def fit(experiment: Experiment, algorithm: Algorithm, state: PyTree, kind: str) 
         _warn_of_flat(seeds, target)
     params, losses = jax.jit(jax.vmap(fit_one))(fit_keys, episodes, jnp.asarray(target), stats)
     facts = {
-        "noise": noise_ranking.noise_of_episodes().tolist(),
-        "true_returns": [divergence.all_finite(each) for each in true],
-        "ratings_before": None if first is None else [divergence.all_finite(each) for each in rated],
-        "ratings_fitted": None if first is None else [divergence.all_finite(each) for each in target],
-        "ratings_after": [divergence.all_finite(each) for each in _rated(config, params, episodes)],
-        "losses": divergence.all_finite(np.asarray(losses)),
+        "noise": noise_ranking.noise_of_episodes(),
+        "true_returns": true,
+        "ratings_before": None if first is None else rated,
+        "ratings_fitted": None if first is None else target,
+        "ratings_after": _rated(config, params, episodes),
+        "losses": np.asarray(losses),
     }
     return Fitted(config, jax.tree.map(np.asarray, params), facts)
 
@@ -103,8 +103,8 @@ def _warn_of_flat(seeds: Sequence[int], target: np.ndarray) -> None:
 
 def write(path: Path, fitted: Fitted) -> None:
     """Writes the facts into the folder of a run, and draws them."""
-    facts = {name: None if values is None else np.array(values, np.float64) for name, values in fitted.facts.items()}
-    write_json(path / FILE, fitted.facts)
+    facts = fitted.facts
+    write_json(path / FILE, {name: _listed(values) for name, values in facts.items()})
     rated = {
         "the learned reward, standardised": facts["ratings_before"],
         "the new reward, standardised": facts["ratings_after"],
@@ -113,10 +113,11 @@ def write(path: Path, fitted: Fitted) -> None:
     plot_ranking(path / PICTURE, path.name, facts["noise"], facts["true_returns"], known, facts["ratings_fitted"])
 
 
-def _obs_stats(experiment: Experiment, state: PyTree) -> ObsStats:
-    """The normaliser `[seeds, ...]` of a task's observations, without the entries that name one of several sources."""
-    stats, size = state.agent.obs_stats, reward_obs_size(experiment.source.env)
-    return stats.replace(mean=stats.mean[..., :size], var=stats.var[..., :size])
+def _listed(values: np.ndarray | None) -> list | None:
+    """An array of one or two axes as a JSON file holds it."""
+    if values is None or values.ndim == 1:
+        return None if values is None else divergence.all_finite(values)
+    return [divergence.all_finite(row) for row in values]
 
 
 def _rated(config: Config, params: RewardParams, episodes: noise_ranking.Episodes) -> np.ndarray:

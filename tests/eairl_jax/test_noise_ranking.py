@@ -27,7 +27,9 @@ def noisy_walk():
     chance = jax.random.normal(jax.random.PRNGKey(1), goodness.shape)
     lengths = jnp.where(jnp.arange(len(NOISE)) % 2, STEPS, 7)
     counts = (jnp.arange(STEPS) < lengths[:, None]).astype(jnp.float32)
-    return Episodes(jnp.stack([goodness, chance], axis=-1), jnp.zeros((*counts.shape, 1)), counts, goodness)
+    return Episodes(
+        jnp.stack([goodness, chance], axis=-1), jnp.zeros((*counts.shape, 1)), counts, (counts * goodness).sum(axis=1)
+    )
 
 
 def test_episodes_have_the_noise_of_the_papers():

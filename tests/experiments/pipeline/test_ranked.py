@@ -2,12 +2,13 @@
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import jax
 import numpy as np
 import pytest
 
-from eairl_jax import Config, InputError, load_reward
+from eairl_jax import Config, HParams, InputError, load_reward, make_irl
 from eairl_jax.experiments.options import Transfer
 from eairl_jax.experiments.pipeline import ranked, stages
 from eairl_jax.experiments.pipeline.experiment import transfers
@@ -57,6 +58,22 @@ def test_behaviour_cloning_has_d_rex_and_no_ssrr(choose):
     (reward, _), folder = choose("bc", "d_rex")
     assert (reward.description["method"], reward.description["reward_form"]) == ("bc", "s")
     assert json.loads((folder / ranked.FILE).read_text())["ratings_before"] is None
+
+
+def test_a_reward_of_an_absorbing_state_reads_its_entry(toy, monkeypatch):
+    """The observations of the reward, and so their normaliser, have an entry more than the task's."""
+    monkeypatch.setattr(ranked, "RANKINGS", FAST)
+    env, config = (
+        toy(ends_at=3),
+        Config(num_envs=2, rollout_length=5, ppo_minibatches=1, method="airl_s", horizon="absorbing", history_length=1),
+    )
+    algorithm = make_irl(env, config)
+    state = jax.vmap(lambda key: algorithm.init(key, HParams()))(jax.random.split(jax.random.PRNGKey(0), 1))
+    experiment = SimpleNamespace(source=SimpleNamespace(env=env), config=config, seeds=[0])
+    for kind in RANKINGS:
+        fitted = ranked.fit(experiment, algorithm, state, kind)
+        assert fitted.params.obs_stats.mean.shape == (1, env.observation_size + 1)
+        assert np.isfinite(fitted.facts["ratings_after"]).all()
 
 
 @pytest.mark.slow
