@@ -17,7 +17,7 @@ from eairl_jax.experiments.display.plots import Dots
 from eairl_jax.experiments.options import Imitate, Reproduce, Transfer
 from eairl_jax.experiments.paper import figures, plan, published, results, reward_distance
 from eairl_jax.experiments.paper.plan import EXPERIMENTS, FIGURES, FIRST_SEED, Planned, retrain_variant
-from eairl_jax.experiments.pipeline import cluster, divergence, stages
+from eairl_jax.experiments.pipeline import cluster, divergence, retraining
 from eairl_jax.experiments.pipeline.diagnosis import FILE, Diagnosis, diagnose, played
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations, transfers
 from eairl_jax.experiments.pipeline.places import shipped_demonstrations
@@ -172,7 +172,7 @@ def train(experiment: Experiment, out: Path, command_line: str) -> Result:
         if diagnosis is not None:
             Diagnosis.from_json(diagnosis, path / FILE)  # refuses a damaged one
         result = dataclasses.replace(result, closeness=distances, diagnosis=diagnosis)
-    returns = stages.kept_curves(folder, use.target, seeds)
+    returns = retraining.kept_curves(folder, use.target, seeds)
     return dataclasses.replace(result, curve=thinned(returns, use.target.recipe.config.steps_per_iteration))
 
 

@@ -32,8 +32,8 @@ from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.pipeline import policies
 from eairl_jax.experiments.pipeline.places import shipped_demonstrations
 from eairl_jax.experiments.pipeline.policies import Policies
+from eairl_jax.experiments.pipeline.retraining import worth
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
-from eairl_jax.experiments.pipeline.stages import worth
 from eairl_jax.experiments.pipeline.train import CLOSENESS, lane_keys
 from eairl_jax.horizon import can_end
 from eairl_jax.rollout import where_ended

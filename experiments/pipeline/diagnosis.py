@@ -23,8 +23,7 @@ from eairl_jax.agent import clip_actions
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.pipeline import policies, records, user_networks
 from eairl_jax.experiments.pipeline.places import DEMOS, Reference, Target, measured
-from eairl_jax.experiments.pipeline.run_folder import RunFolder
-from eairl_jax.experiments.pipeline.stages import (
+from eairl_jax.experiments.pipeline.retraining import (
     BEST_PLAN,
     EXPERT,
     JUDGED_EPISODES,
@@ -37,6 +36,7 @@ from eairl_jax.experiments.pipeline.stages import (
     share_of_best,
     worth,
 )
+from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.train import DIAGNOSE, JUDGE, Start, final_returns, lane_keys, train
 from eairl_jax.plans import Search
 from eairl_jax.policy_optimizers import make_optimizer

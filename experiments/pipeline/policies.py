@@ -37,8 +37,9 @@ from eairl_jax.experiments.pipeline import (
 )
 from eairl_jax.experiments.pipeline.experiment import Experiment
 from eairl_jax.experiments.pipeline.places import make_env
+from eairl_jax.experiments.pipeline.retraining import best_restarts, last_tenth
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
-from eairl_jax.experiments.pipeline.stages import best_restarts, describe, last_tenth, learned_rewards, make_algorithm
+from eairl_jax.experiments.pipeline.stages import describe, learned_rewards, make_algorithm
 from eairl_jax.experiments.pipeline.train import take_lanes
 from eairl_jax.methods import with_method_defaults
 from eairl_jax.storage import read_json

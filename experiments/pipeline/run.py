@@ -18,7 +18,16 @@ from eairl_jax import InputError, LearnedReward, load_reward, processes, save_re
 from eairl_jax.envs.names import file_name
 from eairl_jax.experiments.display import planar
 from eairl_jax.experiments.display.plots import Curve, plot, plot_sweep
-from eairl_jax.experiments.pipeline import divergence, more_seeds, points, policies, records, run_page, stages
+from eairl_jax.experiments.pipeline import (
+    divergence,
+    more_seeds,
+    points,
+    policies,
+    records,
+    retraining,
+    run_page,
+    stages,
+)
 from eairl_jax.experiments.pipeline.experiment import Experiment, Use
 from eairl_jax.experiments.pipeline.places import Reference, Target
 from eairl_jax.experiments.pipeline.run_folder import RunFolder, machine, peak_memory_gb, settings_digest
@@ -52,7 +61,7 @@ class Result:
       learned_rewards: of a transfer, mean learned reward a step of each seed's kept policy in the target. It says how
         well the training did on the reward that it was given.
       learned_share: the same on a scale from 0 for random actions to 1 for the best known behaviour, which is one of
-        the seed's policies, the demonstrations of the target, or a plan (`stages.Worth`).
+        the seed's policies, the demonstrations of the target, or a plan (`retraining.Worth`).
       snapshots, source_returns: of `source_retrain`, the iterations it compared, and `[snapshots, seeds]` true
         returns in the source; None where no episode ended.
       retrain_settings: how policies were trained in the target.
@@ -335,14 +344,14 @@ def _transfer(experiment: Experiment, use: Use, folder: RunFolder) -> Result:
     else:
         reward, facts = stages.choose_reward(folder, learning, experiment, use)
         save_reward(folder.path / "reward", stages.of_kept(reward, divergence.kept_seeds(folder)))
-        scored = stages.score(folder, f"{experiment.name} in {target.task}", target, reward, seeds)
+        scored = retraining.score(folder, f"{experiment.name} in {target.task}", target, reward, seeds)
         returns, kept = scored.returns, divergence.kept_seeds(folder)
         save_reward(folder.path / "reward", stages.of_kept(reward, kept))
         facts["chosen_iterations"] = [facts["chosen_iterations"][lane] for lane in kept]
         if "source_returns" in facts:
             facts["source_returns"] = [[each[lane] for lane in kept] for each in facts["source_returns"]]
         facts |= {"env_steps": target.recipe.config.env_steps, **_learned(scored.worth)}
-    ceiling = stages.ceiling(target, seeds, out)
+    ceiling = retraining.ceiling(target, seeds, out)
     return dataclasses.replace(
         _result(experiment, folder, returns, target.reference),
         target=target.task,
@@ -404,8 +413,8 @@ def reuse(
     folder.prepare()
     name = f"{file_name(reward.config.method)}-{with_method_defaults(reward.config).reward_form}"
     save_reward(folder.path / "reward", reward)
-    scored = stages.score(folder, f"{name} in {target.task}", target, reward, seeds)
-    kept, ceiling = divergence.kept_seeds(folder), stages.ceiling(target, seeds, out)
+    scored = retraining.score(folder, f"{name} in {target.task}", target, reward, seeds)
+    kept, ceiling = divergence.kept_seeds(folder), retraining.ceiling(target, seeds, out)
     save_reward(folder.path / "reward", stages.of_kept(reward, kept))
     iterations = reward.description.get("iterations", [])  # a reward that was saved by hand has none
     result = Result(
@@ -458,7 +467,7 @@ def _result(experiment: Experiment, folder: RunFolder, returns: np.ndarray, refe
     )
 
 
-def _learned(worth: stages.Worth) -> dict[str, list[float]]:
+def _learned(worth: retraining.Worth) -> dict[str, list[float]]:
     return {"learned_rewards": worth.kept.tolist(), "learned_share": worth.share.tolist()}
 
 
@@ -490,7 +499,7 @@ def _draw(experiment: Experiment, folder: RunFolder, result: Result) -> None:
             dataclasses.replace(curve, panel=f"{curve.panel} while learning")
             for curve in imitation_curves(learning, experiment)[:3]
         ]
-        returns = stages.kept_curves(folder, target, len(experiment.seeds))[divergence.kept_seeds(folder)]
+        returns = retraining.kept_curves(folder, target, len(experiment.seeds))[divergence.kept_seeds(folder)]
         curves.append(_retraining_curve(target, returns, result.ceiling))
         plot(path, f"{experiment.name}: {source} to {target.task}", curves)
 

@@ -5,6 +5,7 @@ import csv
 import re
 import shutil
 
+import numpy as np
 import pytest
 
 from eairl_jax.experiments import cli
@@ -32,8 +33,8 @@ RL_SETTINGS = tuple(a for a in TINY if not a.startswith(("history", "discriminat
 RETRAIN_SETTINGS = (*RL_SETTINGS, "trials=0")
 SEARCH = Search(plans=32, repeats=2, updates=10, batch=16)
 SIZES = {
-    "eairl_jax.experiments.pipeline.stages.SEARCH": SEARCH,
-    "eairl_jax.experiments.pipeline.stages.JUDGED_EPISODES": 2,
+    "eairl_jax.experiments.pipeline.retraining.SEARCH": SEARCH,
+    "eairl_jax.experiments.pipeline.retraining.JUDGED_EPISODES": 2,
     "eairl_jax.experiments.pipeline.diagnosis.JUDGED_EPISODES": 2,
     "eairl_jax.experiments.pipeline.diagnosis.EXPERT_CLONE": SEARCH,
     "eairl_jax.experiments.pipeline.train.EVALUATION_EPISODES": 2,
@@ -48,6 +49,17 @@ def tiny(monkeypatch):
     for name, size in SIZES.items():
         monkeypatch.setattr(name, size)
     return TINY
+
+
+@pytest.fixture
+def metrics():
+    """Writes what a training would: `(folder, labels, name=[lanes])`, the same in each of ten iterations."""
+
+    def write(folder, labels, **values):
+        every = {name: np.repeat(np.ravel(each)[:, None], 10, 1) for name, each in values.items()}
+        folder.append_metrics(0, 1, labels, every)
+
+    return write
 
 
 @pytest.fixture(scope="session")

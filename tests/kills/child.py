@@ -123,7 +123,7 @@ def watch_chunks(watch: Watch) -> None:
     compute = Lanes.run
 
     def run(self: Lanes, state: Any, length: int, check: bool = True) -> Any:
-        known = sys._getframe(1).f_locals  # of `train.train`, or of `stages.planned`
+        known = sys._getframe(1).f_locals  # of `train.train`, or of `retraining.planned`
         if "done" in known:
             watch.note("chunk", known["folder"].path, known["done"], length)
         else:

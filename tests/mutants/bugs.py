@@ -767,10 +767,10 @@ PIPELINE = bugs_of(
     ),
     (
         "restart-of-another-seed",
-        "stages.py",
+        "retraining.py",
         "worth(folder).policies.argmax(axis=0) * seeds + np.arange(seeds)",
         "np.full(seeds, worth(folder).policies.mean(axis=1).argmax()) * seeds + np.arange(seeds)",
-        "experiments/pipeline/test_stages.py",
+        "experiments/pipeline/test_retraining.py",
     ),
     (
         "lost-chunk-kept-twice",
@@ -809,11 +809,11 @@ PIPELINE = bugs_of(
     ),
     (
         "share-from-0",
-        "stages.py",
+        "retraining.py",
         "(reached - random) / np.where",
         "reached / np.where",
         "experiments/pipeline/test_diagnosis.py",
-        "experiments/pipeline/test_stages.py",
+        "experiments/pipeline/test_retraining.py",
     ),
     (
         "any-better-return-is-a-mistake",
@@ -824,24 +824,24 @@ PIPELINE = bugs_of(
     ),
     (
         "true-reward-with-temperature",
-        "stages.py",
+        "retraining.py",
         "dataclasses.replace(hparams, temperature=0.0)",
         "hparams",
-        "experiments/pipeline/test_stages.py",
+        "experiments/pipeline/test_retraining.py",
     ),
     (
         "wide-std-for-the-others",
-        "stages.py",
+        "retraining.py",
         "np.where(is_random, recipe.random_std, 1.0)",
         "np.where(is_random, 1.0, recipe.random_std)",
-        "experiments/pipeline/test_stages.py",
+        "experiments/pipeline/test_retraining.py",
     ),
     (
         "plans-of-another-reward",
-        "stages.py",
+        "retraining.py",
         "np.swapaxes(leaf, 0, 1).reshape(-1",
         "leaf.reshape(-1",
-        "experiments/pipeline/test_stages.py",
+        "experiments/pipeline/test_retraining.py",
     ),
     (
         "phases-share-their-keys",
@@ -860,17 +860,17 @@ PIPELINE = bugs_of(
     ),
     (
         "judged-without-the-absorbing-state",
-        "stages.py",
+        "retraining.py",
         "seen = horizon.extended(steps, training.config)\n        return",
         "seen = steps\n        return",
-        "experiments/pipeline/test_stages.py",
+        "experiments/pipeline/test_retraining.py",
     ),
     (
         "expert-judged-beyond-the-bounds",
-        "stages.py",
+        "retraining.py",
         "demos = clip_actions(target.demos, target.env, training.config)",
         "demos = target.demos",
-        "experiments/pipeline/test_stages.py",
+        "experiments/pipeline/test_retraining.py",
     ),
     (
         "worst-expert",
@@ -884,7 +884,7 @@ PIPELINE = bugs_of(
         "places.py",
         'kind = "fixed"  # the',
         "kind = kind  # the",
-        "experiments/pipeline/test_stages.py::test_policies_are_trained_with_the_horizon_that_the_reward_knows",
+        "experiments/pipeline/test_retraining.py::test_policies_are_trained_with_the_horizon_that_the_reward_knows",
     ),
     (
         "tracked-twice-after-a-kill",

@@ -5,7 +5,7 @@ import pytest
 
 from eairl_jax.experiments.pipeline.diagnosis import FROM_EXPERT, RANDOM, TRAINED, Behaviour, Diagnosis
 from eairl_jax.experiments.pipeline.places import Reference
-from eairl_jax.experiments.pipeline.stages import share_of_best
+from eairl_jax.experiments.pipeline.retraining import share_of_best
 
 
 def diagnosis(trained, from_expert):
