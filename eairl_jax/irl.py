@@ -188,6 +188,29 @@ def learned_reward(state: IRLState, context_size: int = 0) -> RewardParams:
     return RewardParams(reward_params, normalize.without_last(state.agent.obs_stats, context_size))
 
 
+REWARD_FIELDS = (
+    "net",
+    "hidden",
+    "activation",
+    "layer_norm",
+    "reward_form",
+    "action_part",
+    "reward_obs",
+    "horizon",
+    "context_size",
+)
+"""What the function of a reward depends on. The method that has learned it is not among them."""
+
+
+def reward_kind(config: Config) -> Config:
+    """The configuration with the usual values in all fields that `reward_function` does not read.
+
+    Rewards of one kind are one function, with other parameters.
+    """
+    config = methods.with_method_defaults(config)
+    return Config(**{name: getattr(config, name) for name in REWARD_FIELDS})
+
+
 def reward_function(config: Config) -> Callable[[RewardParams, jax.Array, jax.Array], jax.Array]:
     """`(RewardParams, raw obs [..., obs], action [..., act]) -> reward [...]`, of the form that `config` names.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -94,8 +95,7 @@ class Lanes:
         self.data = (
             self.put(data) if data_per_lane else jax.device_put(data, NamedSharding(self._mesh, self._data_spec))
         )
-        spread = self._spread(init, (self._lane_spec, self._lane_spec))
-        self._init = jax.jit(spread, compiler_options=options_of_one_call())
+        self._init = _init_program(algorithm, self._mesh)
         self._keys = self.put(keys)
 
     def with_hparams(self, hparams: HParams) -> Lanes:
@@ -152,16 +152,13 @@ class Lanes:
             return 0.0
         started = time.perf_counter()
 
-        def chunk(state, hparams, data):
-            run = jax.vmap(lambda s, h, d: scan(self._algorithm, s, h, d, length), in_axes=(0, 0, self._data_axis))
-            return run(state, hparams, data)
-
         if self._blocks:
-            self._programs[length] = self._blocks.compile(state, length, chunk)
+            self._programs[length] = self._blocks.compile(
+                state, length, _chunk(self._algorithm, length, self._data_axis)
+            )
         else:
-            spread = self._spread(chunk, (self._lane_spec, self._lane_spec, self._data_spec))
-            lowered = jax.jit(spread, donate_argnums=0).lower(state, self.hparams, self.data)
-            self._programs[length] = lowered.compile()
+            program = _chunk_program(self._algorithm, length, self._data_axis, self._mesh)
+            self._programs[length] = program.lower(state, self.hparams, self.data).compile()
         return time.perf_counter() - started
 
     def run(self, state: PyTree, length: int, check: bool = True) -> tuple[PyTree, Metrics]:
@@ -192,8 +189,36 @@ class Lanes:
             metrics["true_return"] = np.where(np.isneginf(returns), np.float32(np.nan), returns)
         return state, metrics
 
-    def _spread(self, function: Callable, in_specs) -> Callable:
-        return jax.shard_map(function, mesh=self._mesh, in_specs=in_specs, out_specs=self._lane_spec, check_vma=False)
+
+KEPT_PROGRAMS = 16
+"""Programs that stay compiled for further `Lanes` of the same algorithm and the same shapes."""
+
+
+@functools.lru_cache(KEPT_PROGRAMS)
+def _init_program(algorithm: Algorithm, mesh: Mesh) -> Any:
+    """`(keys, hparams) -> state`, all of them `[lanes, ...]`."""
+    spec = PartitionSpec(LANES)
+    return jax.jit(_spread(jax.vmap(algorithm.init), mesh, (spec, spec)), compiler_options=options_of_one_call())
+
+
+@functools.lru_cache(KEPT_PROGRAMS)
+def _chunk_program(algorithm: Algorithm, length: int, data_axis: int | None, mesh: Mesh) -> Any:
+    """`(state, hparams, data) -> (state, metrics)` of `length` iterations, all of them `[lanes, ...]`."""
+    spec = PartitionSpec(LANES)
+    specs = (spec, spec, PartitionSpec() if data_axis is None else spec)
+    return jax.jit(_spread(_chunk(algorithm, length, data_axis), mesh, specs), donate_argnums=0)
+
+
+def _chunk(algorithm: Algorithm, length: int, data_axis: int | None) -> Callable:
+    def chunk(state, hparams, data):
+        run = jax.vmap(lambda s, h, d: scan(algorithm, s, h, d, length), in_axes=(0, 0, data_axis))
+        return run(state, hparams, data)
+
+    return chunk
+
+
+def _spread(function: Callable, mesh: Mesh, in_specs) -> Callable:
+    return jax.shard_map(function, mesh=mesh, in_specs=in_specs, out_specs=PartitionSpec(LANES), check_vma=False)
 
 
 class NotFinite(NamedTuple):

@@ -273,16 +273,16 @@ def _best_plan(training: Training) -> Behaviour:
     length = training.target.env.episode_length
 
     @jax.jit
-    def judge(key, params):
+    def judge(key, every):
         draw_key, simulate_key = jax.random.split(key)
         drawn = plans.draw(draw_key, count, length, env.action_size, action_limit(env))
         raw = plans.simulate(simulate_key, env, drawn)
         true = (raw.reward * (1.0 - raw.truncated)).sum(axis=0)
-        paid = jax.vmap(lambda each: plans.scores(lambda batch: training.function(each, batch), raw))(params)
+        paid = jax.vmap(lambda each: plans.scores(lambda batch: training.function(each, batch), raw))(every)
         return paid.max(axis=1), true[paid.argmax(axis=1)]
 
-    params = jax.tree.map(jnp.asarray, training.params(1))
-    return Behaviour(*map(np.asarray, judge(lane_keys(JUDGE, [DIAGNOSE])[0], params)))
+    every = jax.tree.map(jnp.asarray, training.paid(1))
+    return Behaviour(*map(np.asarray, judge(lane_keys(JUDGE, [DIAGNOSE])[0], every)))
 
 
 def _of_policies(training: Training, other: Played) -> Behaviour:

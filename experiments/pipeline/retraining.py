@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -49,7 +49,8 @@ from eairl_jax.experiments.pipeline.train import (
     train,
 )
 from eairl_jax.experiments.settings import Recipe, divisor
-from eairl_jax.lanes import shards_for
+from eairl_jax.irl import reward_kind
+from eairl_jax.lanes import KEPT_PROGRAMS, shards_for
 from eairl_jax.plans import Search, make_planner
 from eairl_jax.rl import Reward, true_reward
 from eairl_jax.storage import read_json, write_json
@@ -74,12 +75,14 @@ class Training:
       reward: learned rewards, `params` with a leading axis `[rewards, ...]`; None for the task's true reward.
       labels: what tells the rewards apart, for example their seeds. The true reward has a label for each seed too.
       phase: of `lane_keys`.
+      like: for the true reward, learned rewards whose programs it shares. Their parameters are not used.
     """
 
     target: Target
     reward: LearnedReward | None
     labels: list[Lane]
     phase: int
+    like: LearnedReward | None = None
 
     @property
     def config(self) -> Config:
@@ -101,33 +104,68 @@ class Training:
 
     @property
     def function(self) -> Reward:
-        """The reward as `make_rl` takes it."""
-        if self.reward is None:
-            return true_reward
-        function, env = reward_function(self.reward.config), self.target.env
+        """The reward as `make_rl` takes it, `(Paid, transitions) -> rewards`."""
+        env, kind = self.target.env, self.reward or self.like
         # Several sources are a target where `source_retrain` compares rewards: a reward sees the tasks' own entries.
-        end = reward_obs_size(env) if context_size(env) else None
-        return lambda params, batch: function(params, batch.obs[..., :end], batch.action)
+        return _paid(reward_kind(kind.config) if kind else None, reward_obs_size(env) if context_size(env) else None)
 
     def algorithm(self, labels: list[Lane]) -> Algorithm:
         """Reinforcement learning on the reward, in as many lanes as there are labels."""
-        shards = shards_for(len(labels), self.config.num_envs)
-        return make_rl(self.target.env, self.config, self.function, shards)
+        return _algorithm(self.target.env, self.config, self.function, shards_for(len(labels), self.config.num_envs))
 
-    def params(self, count: int) -> PyTree:
-        """The parameters of the rewards, `count` times one after another; () for the true reward."""
-        params = self.reward.params if self.reward else ()
-        return jax.tree.map(lambda leaf: np.concatenate([leaf] * count), params)
+    def paid(self, count: int) -> Paid:
+        """What is paid for, `[rewards]` repeated `count` times, one after another."""
+        kind = self.reward or self.like
+        params = jax.tree.map(lambda leaf: np.concatenate([leaf] * count), kind.params if kind else ())
+        return Paid(params, np.full(count * len(self.labels), self.reward is None))
 
     def lanes(self, algorithm: Algorithm, phase: int, labels: list[Lane]) -> Lanes:
         """A lane for each label; the labels name every reward equally often, all rewards one after another."""
         keys = lane_keys(phase, *([label[name] for label in labels] for name in labels[0]))
-        params = self.params(len(labels) // len(self.labels))
-        return Lanes(algorithm, keys, self.hparams(labels), params, data_per_lane=self.reward is not None)
+        paid = self.paid(len(labels) // len(self.labels))
+        return Lanes(algorithm, keys, self.hparams(labels), paid, data_per_lane=True)
 
     def restarts(self, count: int) -> list[Lane]:
         """The labels of `count` policies for each reward, in the order (policy, reward)."""
         return [{"restart": restart} | label for restart in range(count) for label in self.labels]
+
+
+class Paid(NamedTuple):
+    """What policies are trained on.
+
+    Attributes:
+      params: of a learned reward.
+      is_true: whether the environment's reward is paid instead.
+    """
+
+    params: PyTree
+    is_true: PyTree
+
+
+# Trainings that differ in numbers alone share these functions, hence also what `Lanes` and `jax.jit` have compiled for
+# them: the ceiling, and rewards of one kind that several methods have learned.
+@functools.lru_cache(KEPT_PROGRAMS)
+def _paid(kind: Config | None, obs_end: int | None) -> Reward:
+    """The reward of rewards of one kind (`reward_kind`); None for the true reward alone."""
+    function = reward_function(kind) if kind else None
+
+    def reward(paid: Paid, batch) -> jax.Array:
+        if function is None:
+            return true_reward((), batch)
+        learned = function(paid.params, batch.obs[..., :obs_end], batch.action)
+        return jnp.where(paid.is_true, true_reward((), batch), learned)
+
+    return reward
+
+
+@functools.lru_cache(KEPT_PROGRAMS)
+def _algorithm(env: Task, config: Config, reward: Reward, shards: int) -> Algorithm:
+    return make_rl(env, config, reward, shards)
+
+
+@functools.lru_cache(KEPT_PROGRAMS)
+def _planner(env: Task, config: Config, places: int, search: Search, reward: Reward) -> Algorithm:
+    return make_planner(env, config, places, search, reward)
 
 
 def retrain(folder: RunFolder, title: str, training: Training) -> tuple[Algorithm, PyTree]:
@@ -200,7 +238,7 @@ def planned(inner: RunFolder, training: Training) -> PyTree:
     """
     target = training.target
     places = target.recipe.trials - target.recipe.random_trials
-    planner = make_planner(target.env, training.config, places, SEARCH, training.function)
+    planner = _planner(target.env, training.config, places, SEARCH, training.function)
     lanes = training.lanes(planner, PLAN, training.labels)
     state = lanes.init()
     inner.add_seconds(compile_seconds=lanes.compile(state, 1))
@@ -261,13 +299,20 @@ class Score(NamedTuple):
     worth: Worth
 
 
-def score(folder: RunFolder, title: str, target: Target, reward: LearnedReward | None, seeds: Sequence[int]) -> Score:
+def score(
+    folder: RunFolder,
+    title: str,
+    target: Target,
+    reward: LearnedReward | None,
+    seeds: Sequence[int],
+    like: LearnedReward | None = None,
+) -> Score:
     """Trains `target.recipe.restarts` policies for each seed and keeps the best by the reward it was trained on.
 
     A policy can settle before a wall that it has to walk around. The learned reward shows which policy did not; the
     true reward has no say.
     """
-    training = Training(target, reward, [{"seed": seed} for seed in seeds], RETRAIN)
+    training = Training(target, reward, [{"seed": seed} for seed in seeds], RETRAIN, like)
     algorithm, state = retrain(folder, title, training)
     if not (folder.path / WORTH).exists():
         _judge(folder, training, algorithm, state)
@@ -318,30 +363,34 @@ def final_rewards(training: Training, algorithm: Algorithm, state: PyTree, label
     Each policy acts for `JUDGED_EPISODES` whole episodes. All policies of one label begin in the same states and draw
     the same noise.
     """
-    env = training.target.env
+    program = _judge_program(training.target.env, training.config, training.function, algorithm, JUDGED_EPISODES)
+    keys = lane_keys(JUDGE, *([label[name] for label in labels] for name in labels[0]))
+    lanes = jax.tree.map(jnp.asarray, (state, training.paid(len(labels) // len(training.labels))))
+    return np.asarray(program(*lanes, keys))
 
-    def lane_reward(state, params, key):
+
+@functools.lru_cache(KEPT_PROGRAMS)
+def _judge_program(env: Task, config: Config, reward: Reward, algorithm: Algorithm, episodes: int) -> Callable:
+    """The program of `final_rewards`: `(states, Paid, keys) -> [lanes]`."""
+
+    def lane_reward(state, paid, key):
         def act(obs, key):
             return algorithm.act(state, obs, key)
 
-        _, steps = evaluate(key, env, act, JUDGED_EPISODES, env.episode_length)
-        seen = horizon.extended(steps, training.config)
-        return reward_per_step(lambda batch: training.function(params, batch), seen)
+        _, steps = evaluate(key, env, act, episodes, env.episode_length)
+        return reward_per_step(lambda batch: reward(paid, batch), horizon.extended(steps, config))
 
-    keys = lane_keys(JUDGE, *([label[name] for label in labels] for name in labels[0]))
-    lanes = jax.tree.map(jnp.asarray, (state, training.params(len(labels) // len(training.labels))))
-    return np.asarray(jax.jit(jax.vmap(lane_reward, axis_size=len(labels)))(*lanes, keys))
+    return jax.jit(jax.vmap(lane_reward))
 
 
 def rewards_of(training: Training, steps: dict[str, np.ndarray]) -> np.ndarray:
     """Mean reward a step `[rewards]` of the same episodes `[E, T, ...]`, of each reward."""
     seen = horizon.extended(steps, training.config)
 
-    def lane_reward(params):
-        return reward_per_step(lambda batch: training.function(params, batch), seen)
+    def lane_reward(paid):
+        return reward_per_step(lambda batch: training.function(paid, batch), seen)
 
-    params = jax.tree.map(jnp.asarray, training.params(1))
-    return np.asarray(jax.jit(jax.vmap(lane_reward, axis_size=len(training.labels)))(params))
+    return np.asarray(jax.jit(jax.vmap(lane_reward))(jax.tree.map(jnp.asarray, training.paid(1))))
 
 
 def expert_steps(training: Training) -> dict[str, np.ndarray]:
@@ -420,14 +469,18 @@ class Ceiling(NamedTuple):
     dropped: list[dict]
 
 
-def ceiling(target: Target, seeds: Sequence[int], out: Path) -> Ceiling:
-    """Trains on the true reward under the same budget; once in `out`."""
+def ceiling(target: Target, seeds: Sequence[int], out: Path, like: LearnedReward | None = None) -> Ceiling:
+    """Trains on the true reward under the same budget; once in `out`.
+
+    Args:
+      like: rewards whose programs are shared, so that nothing is compiled for the ceiling.
+    """
     target = target.with_config(horizon="default")
     settings = target.settings() | {"seeds": list(seeds), "reward": "true"}
     folder = RunFolder(out / f"ceiling-{file_name(target.task)}-{settings_digest(settings)}", settings)
     summary = folder.summary(records.CEILING)
     if summary is None:
-        returns = score(folder, f"ceiling: true reward in {target.task}", target, None, seeds).returns
+        returns = score(folder, f"ceiling: true reward in {target.task}", target, None, seeds, like).returns
         summary = {"returns": returns.tolist(), "mean": float(returns.mean()), **folder.seconds()}
         folder.write_summary(summary)
     return Ceiling(summary["returns"], folder.dropped())

@@ -335,6 +335,7 @@ def _transfer(experiment: Experiment, use: Use, folder: RunFolder) -> Result:
     imitation_returns = _learn_once(experiment, learning)
     folder.drop(learning.dropped())
     target, seeds = use.target, experiment.seeds
+    reward = None
     if use.rule.kind == "policy":
         algorithm, state = stages.learn(learning, experiment)
         labels: list[Lane] = [{"seed": seed} for seed in seeds]
@@ -351,7 +352,7 @@ def _transfer(experiment: Experiment, use: Use, folder: RunFolder) -> Result:
         if "source_returns" in facts:
             facts["source_returns"] = [[each[lane] for lane in kept] for each in facts["source_returns"]]
         facts |= {"env_steps": target.recipe.config.env_steps, **_learned(scored.worth)}
-    ceiling = retraining.ceiling(target, seeds, out)
+    ceiling = retraining.ceiling(target, seeds, out, reward)
     return dataclasses.replace(
         _result(experiment, folder, returns, target.reference),
         target=target.task,
@@ -414,7 +415,7 @@ def reuse(
     name = f"{file_name(reward.config.method)}-{with_method_defaults(reward.config).reward_form}"
     save_reward(folder.path / "reward", reward)
     scored = retraining.score(folder, f"{name} in {target.task}", target, reward, seeds)
-    kept, ceiling = divergence.kept_seeds(folder), retraining.ceiling(target, seeds, out)
+    kept, ceiling = divergence.kept_seeds(folder), retraining.ceiling(target, seeds, out, reward)
     save_reward(folder.path / "reward", stages.of_kept(reward, kept))
     iterations = reward.description.get("iterations", [])  # a reward that was saved by hand has none
     result = Result(

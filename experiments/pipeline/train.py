@@ -21,6 +21,7 @@ from eairl_jax.experiments.pipeline import divergence, trackers
 from eairl_jax.experiments.pipeline.interruption import Interruption
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.settings import Recipe
+from eairl_jax.lanes import KEPT_PROGRAMS
 from eairl_jax.types import Key, PyTree
 
 RUNS = Path("runs")
@@ -222,9 +223,9 @@ def final_returns(
     return returns
 
 
-@functools.lru_cache(maxsize=1)
+@functools.lru_cache(KEPT_PROGRAMS)
 def _play(env: Task, algorithm: Algorithm, episodes: int, sampled: bool) -> Callable[[PyTree, Key], jax.Array]:
-    """The program of `final_returns`: `(state, keys) -> returns [lanes, episodes]`. The last one is kept compiled."""
+    """The program of `final_returns`: `(state, keys) -> returns [lanes, episodes]`. The last ones stay compiled."""
 
     def lane_returns(state, key):
         def act(obs, key):
