@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import functools
 import time
 from collections.abc import Callable
@@ -98,22 +97,6 @@ class Lanes:
         self._init = _init_program(algorithm, self._mesh)
         self._keys = self.put(keys)
 
-    def with_hparams(self, hparams: HParams) -> Lanes:
-        """These lanes with other floats. Both share what is compiled, so nothing is compiled twice.
-
-        Args:
-          hparams: every leaf is a scalar (the same value for every lane) or `[lanes]`.
-
-        Raises:
-          InputError: if a value is impossible, if a leaf has another number of lanes, or if the lanes are in several
-            processes.
-        """
-        if self._blocks:
-            raise InputError("lanes in several processes keep their floats: make new Lanes, or use one process")
-        other = copy.copy(self)
-        other.hparams = self.put(self._of_lanes(hparams))
-        return other
-
     def _of_lanes(self, hparams: HParams) -> HParams:
         """The floats with a lane axis, checked."""
         check_hparams(hparams)
@@ -146,12 +129,14 @@ class Lanes:
         return jax.tree.map(lambda leaf: np.zeros((self.count, *leaf.shape[1:]), leaf.dtype), shapes)
 
     def compile(self, state: PyTree, length: int) -> float:
-        """Compiles `length` iterations; returns the seconds that this took (0 if they were compiled before)."""
+        """Compiles `length` iterations; returns the seconds that this took.
+
+        Hardly any if these lanes, or others of the same algorithm and the same shapes, have compiled them before.
+        """
         length = arguments.count("length", length)
         if length in self._programs:
             return 0.0
         started = time.perf_counter()
-
         if self._blocks:
             self._programs[length] = self._blocks.compile(
                 state, length, _chunk(self._algorithm, length, self._data_axis)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -44,6 +45,7 @@ from eairl_jax.experiments.pipeline.train import (
     Lane,
     Start,
     lane_keys,
+    returns_program,
     scores,
     take_lanes,
     train,
@@ -52,6 +54,7 @@ from eairl_jax.experiments.settings import Recipe, divisor
 from eairl_jax.irl import reward_kind
 from eairl_jax.lanes import KEPT_PROGRAMS, shards_for
 from eairl_jax.plans import Search, make_planner
+from eairl_jax.programs import Program, compile_thread
 from eairl_jax.rl import Reward, true_reward
 from eairl_jax.storage import read_json, write_json
 from eairl_jax.types import PyTree
@@ -313,13 +316,28 @@ def score(
     true reward has no say.
     """
     training = Training(target, reward, [{"seed": seed} for seed in seeds], RETRAIN, like)
-    algorithm, state = retrain(folder, title, training)
+    with compile_thread() as thread:
+        _compile_judges(training, thread)
+        algorithm, state = retrain(folder, title, training)
     if not (folder.path / WORTH).exists():
         _judge(folder, training, algorithm, state)
     best = take_lanes(state, best_restarts(folder, target.recipe.restarts, len(seeds)))
     returns = scores(folder, target.recipe, target.env, algorithm, best, training.labels)
     kept = divergence.kept_seeds(folder)
     return Score(kept_curves(folder, target, len(seeds))[kept], returns[kept], worth(folder))
+
+
+def _compile_judges(training: Training, thread: Executor) -> None:
+    """Has a thread compile what judges and scores policies, while they are trained."""
+    env, labels = training.target.env, training.restarts(training.target.recipe.restarts)
+    algorithm = training.algorithm(labels)
+    state = training.lanes(algorithm, training.phase, labels).blank()
+    keys = lane_keys(JUDGE, range(len(labels)))
+    judge = _judge_program(env, training.config, training.function, algorithm, JUDGED_EPISODES)
+    _random_program(env, JUDGED_EPISODES).compile_later(thread, keys[0])
+    judge.compile_later(thread, state, training.paid(training.target.recipe.restarts), keys)
+    seeds = range(len(training.labels))
+    returns_program(env, algorithm).compile_later(thread, take_lanes(state, seeds), keys[: len(seeds)])
 
 
 def _judge(folder: RunFolder, training: Training, algorithm: Algorithm, state: PyTree) -> None:
@@ -370,7 +388,7 @@ def final_rewards(training: Training, algorithm: Algorithm, state: PyTree, label
 
 
 @functools.lru_cache(KEPT_PROGRAMS)
-def _judge_program(env: Task, config: Config, reward: Reward, algorithm: Algorithm, episodes: int) -> Callable:
+def _judge_program(env: Task, config: Config, reward: Reward, algorithm: Algorithm, episodes: int) -> Program:
     """The program of `final_rewards`: `(states, Paid, keys) -> [lanes]`."""
 
     def lane_reward(state, paid, key):
@@ -380,7 +398,7 @@ def _judge_program(env: Task, config: Config, reward: Reward, algorithm: Algorit
         _, steps = evaluate(key, env, act, episodes, env.episode_length)
         return reward_per_step(lambda batch: reward(paid, batch), horizon.extended(steps, config))
 
-    return jax.jit(jax.vmap(lane_reward))
+    return Program(jax.vmap(lane_reward))
 
 
 def rewards_of(training: Training, steps: dict[str, np.ndarray]) -> np.ndarray:
@@ -404,8 +422,12 @@ def expert_steps(training: Training) -> dict[str, np.ndarray]:
 @functools.cache
 def random_steps(env: Task, episodes: int) -> dict[str, np.ndarray]:
     """Episodes of uniformly random actions, `[E, T, ...]`; played once a process."""
-    play = jax.jit(lambda key: evaluate(key, env, random_policy(env), episodes, env.episode_length)[1])
-    return jax.tree.map(np.asarray, play(lane_keys(JUDGE, [RANDOM_SEED])[0]))
+    return jax.tree.map(np.asarray, _random_program(env, episodes)(lane_keys(JUDGE, [RANDOM_SEED])[0]))
+
+
+@functools.lru_cache(KEPT_PROGRAMS)
+def _random_program(env: Task, episodes: int) -> Program:
+    return Program(lambda key: evaluate(key, env, random_policy(env), episodes, env.episode_length)[1])
 
 
 def worth(folder: RunFolder) -> Worth:

@@ -238,7 +238,7 @@ def _result_fields() -> dict[str, schema.Schema]:
     }
 
 
-def run(experiment: Experiment, out: Path, command_line: str = "", shared: stages.Learner | None = None) -> Result:
+def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
     """Runs an experiment to its end, or goes on with it, or reads the result that it has.
 
     A result of fewer iterations or seeds than the experiment has (`Recipe.more`, `Experiment.more_seeds`) is extended.
@@ -247,7 +247,6 @@ def run(experiment: Experiment, out: Path, command_line: str = "", shared: stage
       out: folder of the experiment. A transfer shares its learning, and its ceiling, with other transfers through
         folders beside `out`.
       command_line: what the user typed, for the record.
-      shared: of a sweep, what learns in other sweeps too (`stages.learn`).
 
     Raises:
       InputError: if `out` belongs to a different run, or cannot be written.
@@ -261,9 +260,7 @@ def run(experiment: Experiment, out: Path, command_line: str = "", shared: stage
     result = None if content is None else Result.from_json(content, f"{folder.path}/summary.json")
     if result is None or (result.more_iterations or 0) < more:
         folder.prepare()
-        result = (
-            _transfer(experiment, experiment.use, folder) if experiment.use else _imitate(experiment, folder, shared)
-        )
+        result = _transfer(experiment, experiment.use, folder) if experiment.use else _imitate(experiment, folder)
         result = dataclasses.replace(result, command_line=command_line, machine=machine(), more_iterations=more or None)
         run_page.forget(folder.path)
         folder.write_summary(result.to_json())
@@ -282,12 +279,10 @@ def run(experiment: Experiment, out: Path, command_line: str = "", shared: stage
     return result
 
 
-def _imitate(experiment: Experiment, folder: RunFolder, shared: stages.Learner | None) -> Result:
+def _imitate(experiment: Experiment, folder: RunFolder) -> Result:
     """Learns in the source and scores the policies that learned; of a sweep, those of every point."""
-    algorithm, state = stages.learn(folder, experiment, shared)
-    labels = stages.lanes_of(experiment)
-    returns = scores(folder, experiment.recipe, experiment.source.env, algorithm, state, labels)
-    kept = divergence.kept(folder, labels)
+    algorithm, state, returns = stages.learn_and_score(folder, experiment)
+    kept = divergence.kept(folder, stages.lanes_of(experiment))
     if experiment.has_reward and not experiment.points:
         save_reward(folder.path / "reward", _last_reward(experiment, folder))
     if experiment.points:
@@ -383,9 +378,7 @@ def _learn_once(experiment: Experiment, learning: RunFolder) -> list[float | Non
     """Learns the rewards, once; returns how well each seed's policy imitates in the source. None: it was dropped."""
     summary = learning.summary(records.LEARNING)
     if summary is None:
-        algorithm, state = stages.learn(learning, experiment)
-        labels = stages.lanes_of(experiment)
-        returns = scores(learning, experiment.recipe, experiment.source.env, algorithm, state, labels)
+        *_, returns = stages.learn_and_score(learning, experiment)
         summary = {"imitation_returns": divergence.all_finite(returns)}
         learning.write_summary(summary)
     return summary["imitation_returns"]

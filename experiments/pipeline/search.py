@@ -19,7 +19,7 @@ import numpy as np
 
 from eairl_jax import Diverged, InputError
 from eairl_jax.experiments.display.console import say
-from eairl_jax.experiments.pipeline import points, stages
+from eairl_jax.experiments.pipeline import points
 from eairl_jax.experiments.pipeline.experiment import Experiment
 from eairl_jax.experiments.pipeline.points import Point
 from eairl_jax.experiments.pipeline.ranges import Domain, Interval, rounded
@@ -103,7 +103,6 @@ def search(experiment: Experiment, plan: Plan, out: Path, command_line: str = ""
     load_optuna()
     with locked(out):
         database = Database(out / DATABASE, settings(experiment, plan))
-        shared = None
         while (done := len(database.finished())) < plan.trials:
             number = done // plan.generation
             first = number * plan.generation
@@ -112,8 +111,7 @@ def search(experiment: Experiment, plan: Plan, out: Path, command_line: str = ""
             say(
                 f"generation {number + 1} of {plan.trials // plan.generation}: {'; '.join(map(points.name, proposals))}"
             )
-            shared = shared or stages.learner(swept)
-            returns = _returns(swept, generation_folder(out, number), command_line, shared)
+            returns = _returns(swept, generation_folder(out, number), command_line)
             for trial in range(done - first, plan.generation):  # a kill may have come after some of them
                 score = _score(experiment, returns[trial])
                 database.add(plan, Trial(first + trial, proposals[trial], returns[trial], score))
@@ -166,10 +164,10 @@ def _distributions(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _returns(experiment: Experiment, path: Path, command_line: str, shared: stages.Learner) -> list[list[float]]:
+def _returns(experiment: Experiment, path: Path, command_line: str) -> list[list[float]]:
     """True returns of each point's seeds; none for a point of which a seed has diverged."""
     try:
-        result = run_experiment(experiment, path, command_line, shared)
+        result = run_experiment(experiment, path, command_line)
     except Diverged as e:  # the others go on without a seed that diverges, so none is left
         say(f"no trial of this generation has a score: {e}")
         return [[] for _ in experiment.points]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import time
 import warnings
 from pathlib import Path
@@ -32,25 +33,30 @@ from eairl_jax.experiments.pipeline.places import Target, reward_obs_size
 from eairl_jax.experiments.pipeline.retraining import Training, last_tenth, retrain
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.pipeline.train import (
+    EVALUATE,
     LEARN,
     SOURCE_RETRAIN,
     Lane,
     lane_keys,
+    returns_program,
+    scores,
     take_lanes,
     train,
 )
 from eairl_jax.experiments.settings import divisor
 from eairl_jax.irl import RewardParams
-from eairl_jax.lanes import shards_for
+from eairl_jax.lanes import KEPT_PROGRAMS, shards_for
 from eairl_jax.methods import METHODS, with_method_defaults
 from eairl_jax.noise_ranking import RANKINGS
+from eairl_jax.programs import compile_thread
 from eairl_jax.types import PyTree
 
 SATURATED_ACCURACY = 0.99
 
 
+@functools.lru_cache(KEPT_PROGRAMS)
 def make_algorithm(env: Task, config: Config, shards: int = 1) -> Algorithm:
-    """The algorithm that `config.method` names.
+    """The algorithm that `config.method` names. It is the same one for the same arguments, and so is what is compiled.
 
     Args:
       shards: how many devices compute one lane together. Behaviour cloning has no use for several.
@@ -66,40 +72,22 @@ def make_algorithm(env: Task, config: Config, shards: int = 1) -> Algorithm:
 # 1. Learn ------------------------------------------------------------------------------------------------------------
 
 
-class Learner(NamedTuple):
-    """What learns, compiled once for all experiments that differ in the values of their points alone.
-
-    Attributes:
-      algorithm: the method.
-      lanes: a lane for each point and seed.
-    """
-
-    algorithm: Algorithm
-    lanes: Lanes
-
-
-def learner(experiment: Experiment) -> Learner:
-    """What learns in an experiment; nothing is compiled yet."""
+def learner(experiment: Experiment) -> tuple[Algorithm, Lanes]:
+    """The method of an experiment, and a lane for each point and seed; nothing is compiled yet."""
     labels, config = lanes_of(experiment), experiment.config
     algorithm = make_algorithm(experiment.source.env, config, shards_for(len(labels), config.num_envs))
     keys = lane_keys(LEARN, [lane["seed"] for lane in labels])
-    return Learner(algorithm, Lanes(algorithm, keys, _hparams(experiment), experiment.source.demos))
+    return algorithm, Lanes(algorithm, keys, _hparams(experiment), experiment.source.demos)
 
 
-def learn(folder: RunFolder, experiment: Experiment, shared: Learner | None = None) -> tuple[Algorithm, PyTree]:
+def learn(folder: RunFolder, experiment: Experiment) -> tuple[Algorithm, PyTree]:
     """Trains the method of an experiment, and keeps snapshots of every seed's reward (not of a sweep's).
-
-    Args:
-      shared: the `learner` of an experiment that differs from this one in the values of its points alone. What it has
-        compiled is not compiled again.
 
     Returns:
       The algorithm and the final states `[points * seeds, ...]`; the seeds of one point of a sweep lie side by side.
     """
     labels = lanes_of(experiment)
-    algorithm, lanes = shared or learner(experiment)
-    if shared:
-        lanes = lanes.with_hparams(_hparams(experiment))
+    algorithm, lanes = learner(experiment)
 
     def save_snapshot(iteration: int, state: PyTree) -> None:
         reward = describe(experiment, learned_rewards(experiment, state), [iteration] * len(labels))
@@ -108,6 +96,17 @@ def learn(folder: RunFolder, experiment: Experiment, shared: Learner | None = No
     title = f"{experiment.learning_name} in {experiment.source.task}"
     on_snapshot = save_snapshot if experiment.has_reward and not experiment.points else None
     return algorithm, train(folder, title, lanes, experiment.recipe, labels, on_snapshot)
+
+
+def learn_and_score(folder: RunFolder, experiment: Experiment) -> tuple[Algorithm, PyTree, np.ndarray]:
+    """`learn`, and the mean true return `[points * seeds]` of every policy; NaN where it was dropped."""
+    labels, env = lanes_of(experiment), experiment.source.env
+    algorithm, lanes = learner(experiment)
+    with compile_thread() as thread:
+        keys = lane_keys(EVALUATE, [label["seed"] for label in labels])
+        returns_program(env, algorithm).compile_later(thread, lanes.blank(), keys)
+        algorithm, state = learn(folder, experiment)
+    return algorithm, state, scores(folder, experiment.recipe, env, algorithm, state, labels)
 
 
 def lanes_of(experiment: Experiment) -> list[Lane]:
@@ -125,7 +124,7 @@ def _hparams(experiment: Experiment) -> HParams:
 
 def untrained(experiment: Experiment) -> PyTree:
     """The rewards `[seeds, ...]` before the first iteration: networks with random weights."""
-    lanes = learner(experiment).lanes
+    _, lanes = learner(experiment)
     return learned_rewards(experiment, lanes.take(lanes.init()))
 
 

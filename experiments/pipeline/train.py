@@ -22,6 +22,7 @@ from eairl_jax.experiments.pipeline.interruption import Interruption
 from eairl_jax.experiments.pipeline.run_folder import RunFolder
 from eairl_jax.experiments.settings import Recipe
 from eairl_jax.lanes import KEPT_PROGRAMS
+from eairl_jax.programs import Program
 from eairl_jax.types import Key, PyTree
 
 RUNS = Path("runs")
@@ -208,8 +209,8 @@ def final_returns(
     Raises:
       Diverged: if a return is not finite.
     """
-    play = _play(env, algorithm, episodes or EVALUATION_EPISODES, sampled)
-    returns = np.asarray(play(jax.tree.map(jax.numpy.asarray, state), lane_keys(EVALUATE, seeds)))
+    program = returns_program(env, algorithm, episodes, sampled)
+    returns = np.asarray(program(jax.tree.map(jax.numpy.asarray, state), lane_keys(EVALUATE, seeds)))
     if not np.isfinite(returns).all():
         lane, episode = np.argwhere(~np.isfinite(returns))[0]
         raise Diverged(
@@ -223,9 +224,13 @@ def final_returns(
     return returns
 
 
-@functools.lru_cache(KEPT_PROGRAMS)
-def _play(env: Task, algorithm: Algorithm, episodes: int, sampled: bool) -> Callable[[PyTree, Key], jax.Array]:
+def returns_program(env: Task, algorithm: Algorithm, episodes: int | None = None, sampled: bool = True) -> Program:
     """The program of `final_returns`: `(state, keys) -> returns [lanes, episodes]`. The last ones stay compiled."""
+    return _returns_program(env, algorithm, episodes or EVALUATION_EPISODES, sampled)
+
+
+@functools.lru_cache(KEPT_PROGRAMS)
+def _returns_program(env: Task, algorithm: Algorithm, episodes: int, sampled: bool) -> Program:
 
     def lane_returns(state, key):
         def act(obs, key):
@@ -233,7 +238,7 @@ def _play(env: Task, algorithm: Algorithm, episodes: int, sampled: bool) -> Call
 
         return evaluate(key, env, act, episodes, env.episode_length)[0]
 
-    return jax.jit(jax.vmap(lane_returns))
+    return Program(jax.vmap(lane_returns))
 
 
 def scores(

@@ -21,7 +21,7 @@ from eairl_jax import (
     replay,
 )
 from eairl_jax.gaussian import Gaussian
-from eairl_jax.irl import make_irl, reward_function
+from eairl_jax.irl import REWARD_FIELDS, make_irl, reward_function, reward_kind
 from eairl_jax.methods import METHODS, with_method_defaults
 from eairl_jax.normalize import ObsStats
 from eairl_jax.ppo import ppo
@@ -308,6 +308,34 @@ def test_what_is_transferred_is_the_reward_alone_behind_its_normaliser(toy, tiny
     given = reward_function(config)(RewardParams(kept, stats), jnp.asarray(obs), jnp.asarray(action))
     s = obs if reward_obs == "raw" else (obs - mean) / std
     np.testing.assert_allclose(given, numpy_reward(kept, s, action), atol=1e-5)
+
+
+class Recorded:
+    """A configuration that remembers which of its fields were read."""
+
+    def __init__(self, config):
+        self._config, self.read = config, set()
+
+    def __getattr__(self, name):
+        self.read.add(name)
+        return getattr(self._config, name)
+
+
+@pytest.mark.parametrize("horizon", ["fixed", "absorbing"])
+@pytest.mark.parametrize("form", ["sa", "s", "separable"])
+def test_rewards_of_one_kind_are_one_function(toy, tiny, monkeypatch, form, horizon):
+    config = tiny(reward_form=form, horizon=horizon)
+    learned = learned_reward(make_irl(toy(ends_at=2.0), config).init(jax.random.PRNGKey(0), HPARAMS))
+    size = learned.obs_stats.mean.shape[-1]
+    obs, action = jnp.linspace(-1, 1, 3 * size).reshape(3, size), jnp.ones((3, 2))
+    given = reward_function(config)(learned, obs, action)
+    np.testing.assert_array_equal(reward_function(reward_kind(config))(learned, obs, action), given)
+    assert reward_kind(config) == reward_kind(dataclasses.replace(config, method="airl_sa", iterations=7))
+    assert reward_kind(config) != reward_kind(dataclasses.replace(config, hidden=(5,)))
+    recorded = Recorded(with_method_defaults(config))
+    monkeypatch.setattr("eairl_jax.irl.methods.with_method_defaults", lambda _: recorded)
+    reward_function(config)(learned, obs, action)
+    assert recorded.read <= set(REWARD_FIELDS)
 
 
 @pytest.mark.parametrize("method", METHODS)

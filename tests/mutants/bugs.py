@@ -861,8 +861,8 @@ PIPELINE = bugs_of(
     (
         "judged-without-the-absorbing-state",
         "retraining.py",
-        "seen = horizon.extended(steps, training.config)\n        return",
-        "seen = steps\n        return",
+        "reward(paid, batch), horizon.extended(steps, config))",
+        "reward(paid, batch), steps)",
         "experiments/pipeline/test_retraining.py",
     ),
     (

@@ -29,7 +29,7 @@ def main(rounds: int) -> None:
     """Prints the seconds of a chunk, and the tracker's share."""
     (experiment,) = imitations(Imitate("pendulum"))
     labels = stages.lanes_of(experiment)
-    lanes = stages.learner(experiment).lanes
+    _, lanes = stages.learner(experiment)
     state = lanes.init()
     lanes.compile(state, CHUNK)
     seconds: dict[str, list[float]] = {"chunk": [], "metrics.csv": [], "TensorBoard": []}

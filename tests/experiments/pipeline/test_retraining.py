@@ -126,8 +126,8 @@ def test_plans_stay_with_the_reward_that_chose_them(tmp_path, point, monkeypatch
         def init(_key, _hparams):
             return {"plan": jnp.arange(places), "reward": jnp.zeros(places)}
 
-        def step(state, _hparams, params):
-            number = params.params[0]
+        def step(state, _hparams, paid):
+            number = paid.params.params[0]
             return state | {"reward": jnp.full(places, number)}, {"score": number}
 
         return Algorithm(init, step, None)
@@ -137,6 +137,32 @@ def test_plans_stay_with_the_reward_that_chose_them(tmp_path, point, monkeypatch
     state = retraining.planned(inner, Training(target, reward, [{"seed": 0}, {"seed": 1}], RETRAIN))
     np.testing.assert_array_equal(state["plan"], [0, 0, 1, 1, 2, 2])
     np.testing.assert_array_equal(state["reward"], [5, 6, 5, 6, 5, 6])
+
+
+class Pays(Point):
+    """Pays for being far to the right, and never ends."""
+
+    ends = False
+
+    def step(self, state, action):
+        after = super().step(state, action)
+        return after.replace(reward=after.obs[0])
+
+
+def test_the_true_reward_is_paid_by_the_program_of_a_learned_one(tmp_path, point):
+    target, reward = point
+    target = dataclasses.replace(target, env=Pays(), recipe=dataclasses.replace(target.recipe, trials=0))
+    labels = [{"seed": 0}, {"seed": 1}]
+    alone, beside = (Training(target, None, labels, RETRAIN, like) for like in (None, reward))
+    learned = Training(target, reward, labels, RETRAIN)
+    assert learned.algorithm(labels) is beside.algorithm(labels)
+    assert learned.algorithm(labels) is not alone.algorithm(labels)
+    states = [retrain(RunFolder(tmp_path / name, {}), "", each)[1] for name, each in (("a", alone), ("b", beside))]
+    # Another program may add in another order.
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5), *states)
+    curves = [RunFolder(tmp_path / name, {}).curve("policy_reward", 4) for name in ("a", "b")]
+    np.testing.assert_allclose(*curves, rtol=1e-4, atol=1e-5)
+    assert (np.abs(curves[0]) < 1).all()  # `pays` gives 0.5 or more near the start
 
 
 class Short(Point):
