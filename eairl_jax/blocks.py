@@ -180,9 +180,9 @@ class Blocks:
         parts = [arrays for _, arrays in self._everywhere("take", {})]
         return jax.tree.unflatten(jax.tree.structure(self._state), self._joined(parts))
 
-    def blank(self) -> PyTree:
-        """NumPy zeros `[lanes, ...]` in the shapes of a state."""
-        return jax.tree.map(lambda leaf: np.zeros((self._count, *leaf.shape[1:]), leaf.dtype), self._state)
+    def shapes(self) -> PyTree:
+        """The shapes `[lanes, ...]` of a state."""
+        return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((self._count, *leaf.shape[1:]), leaf.dtype), self._state)
 
     def compile(self, state: Spread, length: int, chunk: Callable) -> None:
         """Compiles `length` iterations everywhere.

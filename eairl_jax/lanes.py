@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from eairl_jax import arguments, processes, shards
+from eairl_jax import arguments, memory, processes, shards
 from eairl_jax.blocks import LANES, Blocks
 from eairl_jax.errors import Diverged, InputError
 from eairl_jax.hparams import check_hparams
@@ -103,6 +103,13 @@ class Lanes:
         _check_rows("hparams", jax.tree.map(lambda x: x if np.ndim(x) else [x] * self.count, hparams), self.count)
         return jax.tree.map(lambda x: jnp.broadcast_to(jnp.asarray(x, jnp.float32), (self.count,)), hparams)
 
+    @property
+    def _devices(self) -> list[Any]:
+        return list(self._mesh.devices.flat)
+
+    def _named(self, what: str) -> str:
+        return f"{what} of {self.count} {'lane' if self.count == 1 else 'lanes'}"
+
     def put(self, tree: PyTree) -> PyTree:
         """Distributes a pytree of `[lanes, ...]` over the devices, with copies of the last lane where needed."""
         if self._blocks:
@@ -116,22 +123,45 @@ class Lanes:
         return jax.tree.map(lambda x: np.asarray(x)[: self.count], tree)
 
     def init(self) -> PyTree:
-        """The state of every lane before the first iteration."""
+        """The state of every lane before the first iteration.
+
+        Raises:
+          InputError: as `check_memory`.
+        """
         if self._blocks:
             return self._blocks.init()
+        self.check_memory()
         return self._init(self._keys, self.hparams)
+
+    def check_memory(self) -> None:
+        """Checks that there is memory for the states. Of lanes in several processes, nothing is known.
+
+        Raises:
+          InputError: if the states need more memory than is free.
+        """
+        if not self._blocks:
+            rows = len(self._rows) // self._mesh.shape[LANES]
+            needed = memory.size(self.shapes()) // self.count * rows
+            memory.refuse_too_much(needed, self._named("the states"), self._devices)
 
     def blank(self) -> PyTree:
         """NumPy zeros `[lanes, ...]` in the shapes of a state; nothing is compiled. Checkpoints need such a tree."""
+        return jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), self.shapes())
+
+    def shapes(self) -> PyTree:
+        """The shapes `[lanes, ...]` of a state (`jax.ShapeDtypeStruct`); nothing is compiled."""
         if self._blocks:
-            return self._blocks.blank()
+            return self._blocks.shapes()
         shapes = jax.eval_shape(self._init, self._keys, self.hparams)
-        return jax.tree.map(lambda leaf: np.zeros((self.count, *leaf.shape[1:]), leaf.dtype), shapes)
+        return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((self.count, *leaf.shape[1:]), leaf.dtype), shapes)
 
     def compile(self, state: PyTree, length: int) -> float:
         """Compiles `length` iterations; returns the seconds that this took.
 
         Hardly any if these lanes, or others of the same algorithm and the same shapes, have compiled them before.
+
+        Raises:
+          InputError: if the iterations need more memory, beside the states, than is free.
         """
         length = arguments.count("length", length)
         if length in self._programs:
@@ -143,7 +173,11 @@ class Lanes:
             )
         else:
             program = _chunk_program(self._algorithm, length, self._data_axis, self._mesh)
-            self._programs[length] = program.lower(state, self.hparams, self.data).compile()
+            compiled = program.lower(state, self.hparams, self.data).compile()
+            analysis = compiled.memory_analysis()
+            if analysis:
+                memory.refuse_too_much(analysis.temp_size_in_bytes, self._named("the iterations"), self._devices)
+            self._programs[length] = compiled
         return time.perf_counter() - started
 
     def run(self, state: PyTree, length: int, check: bool = True) -> tuple[PyTree, Metrics]:

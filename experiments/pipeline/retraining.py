@@ -27,6 +27,7 @@ from eairl_jax import (
     evaluate,
     horizon,
     make_rl,
+    processes,
     random_policy,
     reward_function,
 )
@@ -317,7 +318,8 @@ def score(
     """
     training = Training(target, reward, [{"seed": seed} for seed in seeds], RETRAIN, like)
     with compile_thread() as thread:
-        _compile_judges(training, thread)
+        if not processes.current():
+            _compile_judges(training, thread)
         algorithm, state = retrain(folder, title, training)
     if not (folder.path / WORTH).exists():
         _judge(folder, training, algorithm, state)
@@ -331,13 +333,14 @@ def _compile_judges(training: Training, thread: Executor) -> None:
     """Has a thread compile what judges and scores policies, while they are trained."""
     env, labels = training.target.env, training.restarts(training.target.recipe.restarts)
     algorithm = training.algorithm(labels)
-    state = training.lanes(algorithm, training.phase, labels).blank()
+    state = training.lanes(algorithm, training.phase, labels).shapes()
     keys = lane_keys(JUDGE, range(len(labels)))
     judge = _judge_program(env, training.config, training.function, algorithm, JUDGED_EPISODES)
     _random_program(env, JUDGED_EPISODES).compile_later(thread, keys[0])
     judge.compile_later(thread, state, training.paid(training.target.recipe.restarts), keys)
-    seeds = range(len(training.labels))
-    returns_program(env, algorithm).compile_later(thread, take_lanes(state, seeds), keys[: len(seeds)])
+    seeds = len(training.labels)
+    of_seeds = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((seeds, *leaf.shape[1:]), leaf.dtype), state)
+    returns_program(env, algorithm).compile_later(thread, of_seeds, keys[:seeds])
 
 
 def _judge(folder: RunFolder, training: Training, algorithm: Algorithm, state: PyTree) -> None:

@@ -249,12 +249,14 @@ def run(experiment: Experiment, out: Path, command_line: str = "") -> Result:
       command_line: what the user typed, for the record.
 
     Raises:
-      InputError: if `out` belongs to a different run, or cannot be written.
+      InputError: if `out` belongs to a different run, or cannot be written, or if the memory is too small.
       Diverged: when a metric is no longer finite.
     """
     team = processes.current()
     if team and experiment.more_seeds:  # they are trained after the others, and the error would come late
         processes.check_lanes(experiment.more_seeds, len(team.devices))
+    if not team and not (out / "summary.json").exists():  # before the folder is made
+        stages.learner(experiment)[1].check_memory()
     folder = RunFolder(out, experiment.settings(), experiment.track)
     content, more = folder.summary(), experiment.recipe.more
     result = None if content is None else Result.from_json(content, f"{folder.path}/summary.json")

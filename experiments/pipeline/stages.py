@@ -86,8 +86,12 @@ def learn(folder: RunFolder, experiment: Experiment) -> tuple[Algorithm, PyTree]
     Returns:
       The algorithm and the final states `[points * seeds, ...]`; the seeds of one point of a sweep lie side by side.
     """
-    labels = lanes_of(experiment)
     algorithm, lanes = learner(experiment)
+    return algorithm, _learn(folder, experiment, lanes)
+
+
+def _learn(folder: RunFolder, experiment: Experiment, lanes: Lanes) -> PyTree:
+    labels = lanes_of(experiment)
 
     def save_snapshot(iteration: int, state: PyTree) -> None:
         reward = describe(experiment, learned_rewards(experiment, state), [iteration] * len(labels))
@@ -95,7 +99,7 @@ def learn(folder: RunFolder, experiment: Experiment) -> tuple[Algorithm, PyTree]
 
     title = f"{experiment.learning_name} in {experiment.source.task}"
     on_snapshot = save_snapshot if experiment.has_reward and not experiment.points else None
-    return algorithm, train(folder, title, lanes, experiment.recipe, labels, on_snapshot)
+    return train(folder, title, lanes, experiment.recipe, labels, on_snapshot)
 
 
 def learn_and_score(folder: RunFolder, experiment: Experiment) -> tuple[Algorithm, PyTree, np.ndarray]:
@@ -104,8 +108,8 @@ def learn_and_score(folder: RunFolder, experiment: Experiment) -> tuple[Algorith
     algorithm, lanes = learner(experiment)
     with compile_thread() as thread:
         keys = lane_keys(EVALUATE, [label["seed"] for label in labels])
-        returns_program(env, algorithm).compile_later(thread, lanes.blank(), keys)
-        algorithm, state = learn(folder, experiment)
+        returns_program(env, algorithm).compile_later(thread, lanes.shapes(), keys)
+        state = _learn(folder, experiment, lanes)
     return algorithm, state, scores(folder, experiment.recipe, env, algorithm, state, labels)
 
 

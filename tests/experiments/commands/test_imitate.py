@@ -32,6 +32,13 @@ def test_imitate_leaves_what_it_promises(finished, tiny, capsys, imitate, metric
     assert np.isfinite(reward(np.ones(3), np.ones(1), seed=1))
 
 
+def test_a_run_that_does_not_fit_into_the_memory_leaves_nothing(tmp_path, tiny, imitate, capsys, monkeypatch):
+    monkeypatch.setattr("eairl_jax.memory.host_free", lambda: 1000)
+    assert imitate(tmp_path / "large", tiny) == 2
+    assert "the states of 2 lanes need" in capsys.readouterr().err
+    assert not (tmp_path / "large").exists()
+
+
 def test_a_finished_run_can_lie_where_nobody_may_write(finished, tiny, imitate, capsys, monkeypatch, unchanged):
     """What its command would have added is left out: the picture and the policy, of a run that has lost them."""
     (finished / "curves.png").unlink()
