@@ -156,6 +156,11 @@ WALKER: dict[str, Section] = {
         iterations=600,
         restarts=1,
         source_retrain_iterations=150,
+        # Random networks, of which the best by the reward goes on. The numbers follow from the budget, which is at most
+        # twice that of one policy. No run chose them.
+        trials=4,
+        random_trials=4,
+        trial_iterations=150,
     ),
 }
 ANT = WALKER | {"expert": WALK | dict(iterations=3000)}
@@ -197,12 +202,14 @@ SWIMMER: dict[str, Section] = {
 LONG_EPISODE = 300
 # Discriminator and policy chase each other: a policy whose steps get smaller ends near the expert.
 IMITATE = dict(policy_lr_final_fraction=0.1)
+# As fast as it can be. Who judges a reward asks for trials (`docs/using-a-reward.md`).
+ONE_POLICY = dict(trials=0, random_trials=0, trial_iterations=0)
 DEFAULTS: dict[str, Section] = {
     "all": dict(num_envs=128, rollout_length=50, ppo_minibatches=16),
     "expert": WALK | dict(log_std_max=0.5, iterations=400),
     "imitate": IMITATE | dict(iterations=400),
     "reward": dict(iterations=400, snapshot_every=100),
-    "retrain": WALKER["retrain"] | dict(iterations=400, source_retrain_iterations=100),
+    "retrain": WALKER["retrain"] | dict(iterations=400, source_retrain_iterations=100, **ONE_POLICY),
 }
 # Short episodes are learned with smaller batches: one iteration is 1,600 steps, about those of the pendulum.
 SHORT_DEFAULTS: dict[str, Section] = {

@@ -269,6 +269,43 @@ def _source_table(group: list[Result]) -> Table:
     return Table(f"in {first.target}", columns, [*lines, _below(first)])
 
 
+NEARLY = 0.9
+"""The share of the expert's return up to which `samples` counts."""
+
+
+def samples(imitations: list[Result]) -> list[Table]:
+    """For each method and task the environment steps until a policy first has `NEARLY` the expert's return.
+
+    Behaviour cloning learns without any.
+    """
+    chosen = [each for each in imitations if each.curve and each.expert is not None and each.method != "bc"]
+    if not chosen:
+        return []
+    tasks, by_name = list(results.by_task(chosen)), {(result.name, result.task): result for result in chosen}
+    lines = [
+        (results.title(name), [_samples_cell(by_name.get((name, task[0]))) for task in tasks])
+        for name in results.names_in_order(chosen)
+    ]
+    return [Table(f"steps to {NEARLY} of the expert", [task for task, _ in tasks], lines)]
+
+
+def _samples_cell(result: Result | None) -> Cell:
+    """The median over the seeds that get there, and how many they are."""
+    reached = [] if result is None else [each for each in first_steps(result, NEARLY) if each is not None]
+    if result is None:
+        return Cell()
+    count = f"{len(reached)} of {len(result.seeds)}"
+    return Cell(f"{np.median(reached):,.0f} ({count})" if reached else f"not reached ({count})")
+
+
+def first_steps(result: Result, score: float) -> list[int | None]:
+    """For each seed the environment steps after which its return while training first has a normalised score."""
+    curve = result.curve or {"env_steps": [], "true_return": []}
+    returns = np.array(curve["true_return"], float)  # None, where no episode has ended, becomes NaN
+    above = np.asarray(result.reference.normalized(returns)) >= score
+    return [int(curve["env_steps"][seed.argmax()]) if seed.any() else None for seed in above]
+
+
 DEMOS = "+demos="
 """Stands in a result's name before the quality of its demonstrations."""
 
@@ -278,7 +315,8 @@ def imperfect(experiment: list[Result]) -> list[Table]:
     groups: dict[tuple[str, str], list[Result]] = {}
     for result in experiment:
         if DEMOS in result.name and result.task == result.target:
-            groups.setdefault((result.task, result.name.partition(DEMOS)[2]), []).append(result)
+            quality = result.name.partition(DEMOS)[2].partition("+")[0]
+            groups.setdefault((result.task, quality), []).append(result)
     return [_imperfect_table(group, quality) for (_, quality), group in groups.items()]
 
 
@@ -347,6 +385,7 @@ OWN = {
     "sources": ("sources", by_source),
     "exact-phi": ("ablations", exact_phi),
     "imperfect": ("imperfect", imperfect),
+    "samples": ("table2", samples),
 }
 
 

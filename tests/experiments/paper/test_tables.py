@@ -87,10 +87,30 @@ def test_the_table_of_an_exact_phi_says_what_the_same_seeds_gain(make_result):
     ]
 
 
+def test_the_steps_to_nearly_the_expert_are_those_of_the_first_time(make_result):
+    curve = {"env_steps": [10, 20, 30, 40], "true_return": [[None, 9.0, 1.0, 9.5], [0.0, 8.9, 1.0, 9.5], [1.0] * 4]}
+    several = make_result("eairl-sa", [9.5, 9.5, 1.0], "ant", curve=curve)
+    never = make_result("gail-sa", [1.0], "swimmer", curve={"env_steps": [10], "true_return": [[8.9]]})
+    unknown, cloned = (
+        make_result("eairl-sa", [1.0], "pendulum", expert=None),
+        make_result("bc", [9.5], "ant", curve=curve),
+    )
+    assert tables.first_steps(several, 0.9) == [20, 40, None]
+    (table,) = tables.samples([several, never, unknown, cloned])
+    assert table.columns == ["ant", "swimmer"]
+    assert [(name, [cell.ours for cell in cells]) for name, cells in table.lines] == [
+        ("GAIL", ["", "not reached (0 of 1)"]),
+        ("EAIRL", ["30 (2 of 3)", ""]),
+    ]
+    assert tables.samples([unknown, cloned]) == []
+
+
 def test_the_table_of_imperfect_demonstrations(make_result):
     demonstrated = demonstrations.provenance(shipped_demonstrations("half_cheetah", "half"))["expert_return"]
     experiment = [
-        make_result("eairl-separable+demos=half", [demonstrated, 2 * demonstrated], *["half_cheetah"] * 2, rule)
+        make_result(
+            "eairl-separable+demos=half+retrain_trials=0", [demonstrated, 2 * demonstrated], *["half_cheetah"] * 2, rule
+        )
         for rule in ("last", "ssrr")
     ]
     (table,) = tables.imperfect([*experiment, make_result("eairl-sa", [1.0], "ant", "ant", "last")])
