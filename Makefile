@@ -108,6 +108,11 @@ data: $(STAMP)
 	done
 	@$(BIN)/eairl expert half_cheetah --seeds 1 --set iterations=85 snapshot_every=85 --out runs/expert-half_cheetah-half
 	@$(BIN)/eairl demos half_cheetah --expert runs/expert-half_cheetah-half --out experiments/data/half_cheetah.half.npz
+	@for iterations in 1 40 60 120 180; do \
+		name=half_cheetah-$$iterations; \
+		$(BIN)/eairl expert half_cheetah --seeds 1 --set iterations=$$iterations snapshot_every=$$iterations --out runs/expert-$$name && \
+		$(BIN)/eairl demos half_cheetah --expert runs/expert-$$name --episodes 4 --out experiments/data/unseen/$$name.npz || exit 1; \
+	done
 
 lint: $(STAMP)
 	@echo "== installing ruff and pyright"

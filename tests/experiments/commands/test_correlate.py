@@ -32,3 +32,14 @@ def test_what_has_no_reward_or_no_returns_is_refused(finished, tmp_path, run, ca
     assert "lacks reward: a reward is compared by both" in capsys.readouterr().err
     assert run("correlate", finished, "--demos", shipped_demonstrations("point_maze_left")) == 2
     assert "point_maze_left.npz has observations of length 2" in capsys.readouterr().err
+
+
+def test_the_episodes_that_no_reward_has_seen_are_of_all_qualities():
+    folder = shipped_demonstrations("half_cheetah").parent / "unseen"
+    sets = {int(path.stem.partition("-")[2]): demonstrations.load(path) for path in folder.glob("half_cheetah-*.npz")}
+    means = [demonstrations.returns(sets[iterations]).mean() for iterations in sorted(sets)]
+    assert len(means) == 5
+    assert means == sorted(means)
+    assert means[0] < 0 < 2000 < means[-1]
+    seen = demonstrations.load(shipped_demonstrations("half_cheetah", "half"))
+    assert not any(np.isin(each.obs[:, 1], seen.obs[:, 1]).mean() > 0.5 for each in sets.values())
