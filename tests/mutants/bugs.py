@@ -465,6 +465,20 @@ LIBRARY = bugs_of(
         "experiments/pipeline/test_train.py::test_nan_stops_the_run_or_drops_its_seed",
     ),
     (
+        "cores-have-memory-of-their-own",
+        "memory.py",
+        "needed * len(devices), host_free()",
+        "needed, host_free()",
+        "eairl_jax/test_memory.py",
+    ),
+    (
+        "rewards-of-all-forms-are-of-one-kind",
+        "irl.py",
+        '    "reward_form",\n    "action_part",',
+        '    "action_part",',
+        "eairl_jax/test_irl.py::test_rewards_of_one_kind_are_one_function",
+    ),
+    (
         "every-device-simulates-the-same-environments",
         "shards.py",
         "jax.lax.axis_index(AXIS) * size",
@@ -821,6 +835,13 @@ PIPELINE = bugs_of(
         "margin = BETTER * (",
         "margin = 0.0 * (",
         "experiments/pipeline/test_diagnosis.py",
+    ),
+    (
+        "ceiling-on-the-learned-reward",
+        "retraining.py",
+        "np.full(count * len(self.labels), self.reward is None)",
+        "np.full(count * len(self.labels), False)",
+        "experiments/pipeline/test_retraining.py::test_the_true_reward_is_paid_by_the_program_of_a_learned_one",
     ),
     (
         "true-reward-with-temperature",
