@@ -36,7 +36,7 @@ class Lanes:
     """Independent runs (lanes) of one algorithm, trained side by side: seeds, hyperparameters, rewards.
 
     A lane has one row in every leaf of `state`, of `hparams` and, with `data_per_lane`, of `data`. Lanes do not
-    exchange data, so they are split evenly over the devices. If the number of lanes is not a multiple of the number of
+    exchange data, so they are split evenly over the devices. Lanes of one algorithm share what is compiled. If the number of lanes is not a multiple of the number of
     devices, copies of the last lane fill the gap; every result drops the copies. An algorithm that was built for
     several devices a lane (`make_irl(env, config, shards=2)`) gets as many for each.
 
@@ -209,7 +209,7 @@ class Lanes:
         return state, metrics
 
 
-KEPT_PROGRAMS = 16
+KEPT_PROGRAMS = 8
 """Programs that stay compiled for further `Lanes` of the same algorithm and the same shapes."""
 
 
