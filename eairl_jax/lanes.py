@@ -36,9 +36,11 @@ class Lanes:
     """Independent runs (lanes) of one algorithm, trained side by side: seeds, hyperparameters, rewards.
 
     A lane has one row in every leaf of `state`, of `hparams` and, with `data_per_lane`, of `data`. Lanes do not
-    exchange data, so they are split evenly over the devices. Lanes of one algorithm share what is compiled. If the number of lanes is not a multiple of the number of
+    exchange data, so they are split evenly over the devices. If the number of lanes is not a multiple of the number of
     devices, copies of the last lane fill the gap; every result drops the copies. An algorithm that was built for
     several devices a lane (`make_irl(env, config, shards=2)`) gets as many for each.
+
+    Lanes of one algorithm share what is compiled.
 
     Inside `processes.leading`, lanes are split over the devices of all processes. A state is then a `blocks.Spread`;
     `take` gives its arrays.
@@ -140,9 +142,23 @@ class Lanes:
           InputError: if the states need more memory than is free.
         """
         if not self._blocks:
-            rows = len(self._rows) // self._mesh.shape[LANES]
-            needed = memory.size(self.shapes()) // self.count * rows
-            memory.refuse_too_much(needed, self._named("the states"), self._devices)
+            memory.refuse_too_much(self._state_size, self._named("the states"), self._devices)
+
+    def memory(self, length: int) -> Memory:
+        """What a training in chunks of `length` iterations needs.
+
+        Raises:
+          InputError: if the iterations were not compiled, or if the lanes are in several processes.
+        """
+        if self._blocks or length not in self._programs:
+            raise InputError(f"the memory of {length} iterations is not known: compile them first, in one process")
+        devices, analysis = len(self._devices), self._programs[length].memory_analysis()
+        return Memory(devices * self._state_size, devices * (analysis.temp_size_in_bytes if analysis else 0))
+
+    @property
+    def _state_size(self) -> int:
+        """Bytes of the states on each device."""
+        return memory.size(self.shapes()) // self.count * (len(self._rows) // self._mesh.shape[LANES])
 
     def blank(self) -> PyTree:
         """NumPy zeros `[lanes, ...]` in the shapes of a state; nothing is compiled. Checkpoints need such a tree."""
@@ -207,6 +223,18 @@ class Lanes:
             returns = metrics["true_return"]
             metrics["true_return"] = np.where(np.isneginf(returns), np.float32(np.nan), returns)
         return state, metrics
+
+
+class Memory(NamedTuple):
+    """Bytes on all devices together.
+
+    Attributes:
+      states: of the states of all lanes.
+      beside: what the iterations need beside them; 0 where XLA does not say.
+    """
+
+    states: int
+    beside: int
 
 
 KEPT_PROGRAMS = 8

@@ -625,6 +625,15 @@ class Bench:
     iterations: int = 20
     """Iterations of each measurement."""
     set: Set = ()
+    scale: Annotated[
+        tuple[str, ...],
+        explained(
+            metavar="NAME=VALUES",
+            help="Measure iterations of one method at several values instead, e.g. num_envs=16,64,256 seeds=1,4,16: "
+            "time, memory, and a law that fits the time. One axis varies at a time.",
+        ),
+    ] = ()
+    figure: Annotated[Path | None, explained(metavar="FILE", help="With --scale: save a figure as PNG.")] = None
 
 
 SOURCE_ALONE = (

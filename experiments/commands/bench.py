@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import jax
 import mujoco
@@ -29,7 +29,9 @@ from eairl_jax import (
 )
 from eairl_jax.envs.mjx_task import MjxTask
 from eairl_jax.experiments.display.console import console, print_rows
+from eairl_jax.experiments.display.plots import Scale, plot_scaling
 from eairl_jax.experiments.options import Bench
+from eairl_jax.experiments.pipeline import scaling
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine, peak_memory_gb
 from eairl_jax.experiments.pipeline.train import LEARN, lane_keys
@@ -53,8 +55,12 @@ def run(options: Bench, command_line: str) -> None:
     for experiment in experiments:
         if not experiment.has_reward:
             raise InputError(f"{experiment.name} is not adversarial: bench measures {', '.join(METHODS)}")
-    if options.json:
-        check_writable(options.json)
+    for path in filter(None, (options.json, options.figure)):
+        check_writable(path)
+    if options.scale:
+        return _scale(options, experiments, command_line)
+    if options.figure:
+        raise InputError("--figure is of --scale: name what is varied, for example --scale num_envs=16,64,256")
     with console.status(Text(f"{task}: compiling and measuring")):
         results, simulation = measure(experiments, iterations)
     for experiment in experiments:
@@ -73,6 +79,53 @@ def run(options: Bench, command_line: str) -> None:
     if options.json:
         content = {"command_line": command_line, "task": task, "machine": machine()}
         write_json(options.json, content | {"methods": results, "simulation": simulation})
+
+
+def _scale(options: Bench, experiments: list[Experiment], command_line: str) -> None:
+    """`--scale`: measures along each axis, prints a table and a law for each, and writes what is asked for."""
+    if len(experiments) > 1:
+        raise InputError("--scale measures one method: name one --method and one --reward-form")
+
+    def make(settings: Sequence[str]) -> Experiment:
+        return imitations(dataclasses.replace(options, set=(*options.set, *settings)), "reward")[0]
+
+    axes = [scaling.axis(text) for text in options.scale]
+    planned = [scaling.experiments(axis, make) for axis in axes]
+    panels, content = [], {}
+    for axis, along in zip(axes, planned, strict=True):
+        points = []
+        for value, experiment in zip(axis.values, along, strict=True):
+            with console.status(Text(f"{options.task}: {axis.name} = {value}")):
+                points.append(scaling.measured(value, experiment, options.iterations))
+        law = scaling.fitted(axis.values, [point.seconds for point in points])
+        _print_scale(options.task, axis, points, law)
+        content[axis.name] = {"points": [point._asdict() for point in points], "law": law._asdict()}
+        times = np.array([point.seconds for point in points])
+        panels.append(Scale(axis.name, np.array(axis.values), times, law.fixed, law.each))
+    if options.json:
+        write_json(options.json, {"command_line": command_line, "task": options.task, "machine": machine(), **content})
+    if options.figure:
+        plot_scaling(options.figure, f"{experiments[0].name} in {options.task}: time of an iteration", panels)
+
+
+def _print_scale(task: str, axis: scaling.Axis, points: list[scaling.Point], law: scaling.Law) -> None:
+    rows = [
+        [
+            f"{point.value:,}",
+            f"{1e3 * point.seconds:,.1f}",
+            f"{point.env_steps / point.seconds:,.0f}",
+            f"{point.states_gb:.3f}",
+            f"{point.beside_gb:.3f}",
+            f"{point.compile_seconds:.1f}",
+        ]
+        for point in points
+    ]
+    titles = [axis.name, "ms", "env steps/s", "states, GB", "beside, GB", "compile, s"]
+    print_rows(f"{task}: {axis.name}", titles, rows)
+    console.print(
+        f"an iteration takes {1e3 * law.fixed:.3g} ms + {1e3 * law.each:.3g} ms x {axis.name}; the largest deviation "
+        f"is {law.deviation:.0%}"
+    )
 
 
 def measure(experiments: list[Experiment], iterations: int) -> tuple[dict[str, dict], dict[str, float]]:

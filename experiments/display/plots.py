@@ -162,6 +162,41 @@ def plot_search(path: Path, title: str, axes: Sequence[Axis], scores: np.ndarray
     save(figure, path)
 
 
+class Scale(NamedTuple):
+    """Times along an axis, and the law `fixed + each * value` beside them, in seconds.
+
+    Attributes:
+      name: of the axis.
+      values, seconds: `[points]`.
+    """
+
+    name: str
+    values: np.ndarray
+    seconds: np.ndarray
+    fixed: float
+    each: float
+
+
+def plot_scaling(path: Path, title: str, scales: Sequence[Scale]) -> None:
+    """Saves a panel for each axis, both scales logarithmic: dots are measured, the line is the law."""
+    from matplotlib.ticker import LogLocator, StrMethodFormatter
+
+    figure, (panels,) = figure_of(1, len(scales), (4.2, 3.6), title)
+    for panel, scale in zip(panels, scales, strict=True):
+        line, ms = np.geomspace(scale.values.min(), scale.values.max(), 100), 1e3 * scale.seconds
+        law = f"{1e3 * scale.fixed:.3g} ms + {1e3 * scale.each:.3g} ms x {scale.name}"
+        panel.loglog(line, 1e3 * (scale.fixed + scale.each * line), color="C0", lw=1, label=literal(law))
+        panel.loglog(scale.values, ms, "o", color="C1", label="measured")
+        panel.minorticks_off()
+        panel.set_xticks(scale.values, [f"{value:,}" for value in scale.values], rotation=45, ha="right")
+        panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        panel.yaxis.set_major_formatter(StrMethodFormatter("{x:,g}"))
+        panel.set(ylim=(ms.min() / 2, ms.max() * 2), xlabel=literal(scale.name), ylabel="ms an iteration")
+        panel.legend(frameon=False, fontsize=8)
+        panel.spines[["top", "right"]].set_visible(False)
+    save(figure, path)
+
+
 def plot_diagnosis(path: Path, title: str, behaviours: dict[str, tuple[np.ndarray, np.ndarray]], expert: float) -> None:
     """Saves two panels with a line for each behaviour and a dot for each seed; the first behaviour stands out.
 

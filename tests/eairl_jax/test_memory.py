@@ -46,6 +46,11 @@ def test_what_the_iterations_need_beside_the_states_must_fit(monkeypatch):
         few.compile(state, 2)
     monkeypatch.setattr(memory, "host_free", lambda: 20 * MB)
     few.compile(state, 2)
+    needed = few.memory(2)
+    assert needed.states == MB
+    assert needed.beside >= 3 * MB
+    with pytest.raises(InputError, match="compile them first"):
+        few.memory(3)
     assert few.run(state, 2)[1]["total"].shape == (1, 2)
 
 

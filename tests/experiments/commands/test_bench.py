@@ -42,3 +42,34 @@ def test_bench_measures_methods_in_turns(tmp_path, tiny, monkeypatch, capsys, ru
         return
     ratio = rows["gail-sa"]["milliseconds"]["iteration"] / rows["eairl-sa"]["milliseconds"]["iteration"]
     assert f"{ratio:.2f}" in next(line for line in reversed(printed.splitlines()) if "gail-sa" in line)
+
+
+@pytest.mark.slow
+def test_bench_measures_along_axes(tmp_path, tiny, capsys, run):
+    path, figure = tmp_path / "scale.json", tmp_path / "scale.png"
+    scale = ["--scale", "num_envs=2,4", "seeds=1,2", "--json", path, "--figure", figure]
+    assert run("bench", "pendulum", "--iterations", 2, *scale, "--set", *tiny) == 0
+    printed, written = " ".join(capsys.readouterr().out.split()), json.loads(path.read_text())
+    for name, values, steps in (("num_envs", [2, 4], [40, 80]), ("seeds", [1, 2], [40, 80])):
+        points, law = written[name]["points"], written[name]["law"]
+        assert [point["value"] for point in points] == values
+        assert [point["env_steps"] for point in points] == steps
+        assert all(point["seconds"] > 0 and point["compile_seconds"] > 0 for point in points)
+        assert points[0]["states_gb"] < points[1]["states_gb"]
+        assert f"x {name}; the largest deviation is {law['deviation']:.0%}" in printed
+    assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--scale", "num_envs=2"], "at least two whole numbers"),
+        (["--scale", "seeds=1,2", "--method", "eairl", "gail"], "--scale measures one method"),
+        (["--figure", "x.png"], "--figure is of --scale"),
+    ],
+)
+def test_what_cannot_be_measured_along_an_axis_is_refused(run, capsys, monkeypatch, tmp_path, options, message):
+    monkeypatch.chdir(tmp_path)
+    assert run("bench", "pendulum", *options) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
