@@ -97,6 +97,7 @@ def _scores(results_of: dict[str, list[Result]]) -> dict:
         "diagnoses": tables.diagnoses(results_of["table1"]),
         "exact_phi": tables.exact_phi(results_of["ablations"]),
         "by_source": tables.by_source(results_of["sources"]),
+        "protocol": tables.by_protocol(results_of["ablations"]),
         "samples": tables.samples(results_of["table2"]),
         "imperfect": tables.imperfect(results_of["imperfect"]),
         "ablations": report_figures.ablations(results_of),

@@ -367,6 +367,24 @@ def _steps_of_phi(result: Result) -> int:
     return int(result.name.partition(EXACT_PHI)[2] or 0)
 
 
+PROTOCOL = "+optimizer=trpo+num_envs=200+iterations=130"
+"""Stands in the name of a result that was learned as the paper learns in the mazes."""
+
+
+def by_protocol(ablations: list[Result]) -> list[Table]:
+    """For each pair of tasks the rewards that were learned as the paper learns."""
+    groups = results.by_task([result for result in ablations if result.name.endswith(PROTOCOL)]).values()
+    return [_protocol_table(group) for group in groups]
+
+
+def _protocol_table(group: list[Result]) -> Table:
+    lines = [
+        (results.title(result.name.removesuffix(PROTOCOL)), [_with_lowest(result), Cell(fault(result))])
+        for result in results.in_order(group)
+    ]
+    return Table(results.pair(group[0]), ["last", FAULT], [*_above(group[0], {}), *lines, _below(group[0])])
+
+
 def gain(result: Result, other: Result) -> str:
     """The mean difference of the returns of the same seeds, with its 95 % interval by Student's t."""
     ours, theirs = (dict(zip(each.seeds, each.returns, strict=True)) for each in (result, other))
@@ -386,6 +404,7 @@ OWN = {
     "exact-phi": ("ablations", exact_phi),
     "imperfect": ("imperfect", imperfect),
     "samples": ("table2", samples),
+    "protocol": ("ablations", by_protocol),
 }
 
 

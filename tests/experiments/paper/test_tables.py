@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from eairl_jax import demonstrations
-from eairl_jax.experiments.paper import published, tables
+from eairl_jax.experiments.paper import plan, published, tables
 from eairl_jax.experiments.pipeline.places import shipped_demonstrations
 
 ROOT = Path(__file__).parents[3]
@@ -85,6 +85,15 @@ def test_the_table_of_an_exact_phi_says_what_the_same_seeds_gain(make_result):
         ("EAIRL, Phi over 5 steps", ["6.00 ± 1.00", "+0.00 (+0.00 to +0.00)", "2 mistaken"]),
         ("EAIRL, Phi over 20 steps", ["7.50 ± 1.50", "+1.50 (-4.85 to +7.85)", "not diagnosed"]),
     ]
+
+
+def test_rewards_that_were_learned_as_the_paper_learns_have_a_table(make_result):
+    protocol = "+".join(("eairl-sa", *plan.PROTOCOL))
+    group = [make_result(protocol, [9.0, 7.0], *MAZES, "last"), make_result("eairl-sa", [1.0, 1.0], *MAZES, "last")]
+    (table,) = tables.by_protocol(group)
+    lines = {name: [cell.ours for cell in cells] for name, cells in table.lines}
+    assert lines["EAIRL"] == ["8.00 ± 1.00, lowest 7.00", "2 mistaken"]
+    assert len(lines) == 4  # expert, ceiling, random actions
 
 
 def test_the_steps_to_nearly_the_expert_are_those_of_the_first_time(make_result):
