@@ -96,7 +96,7 @@ def test_a_search_is_repeatable_goes_on_and_says_what_is_best(tmp_path, tiny, ca
 
     # The same command again trains nothing. Another setting is another search.
     with monkeypatch.context() as patch:
-        patch.setattr("eairl_jax.experiments.pipeline.search.stages.learner", lambda _: pytest.fail("computed"))
+        patch.setattr("eairl_jax.experiments.pipeline.stages.learner", lambda _: pytest.fail("computed"))
         assert search(4) == 0
         assert read() == content
         capsys.readouterr()
