@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -34,6 +35,7 @@ from eairl_jax.experiments.options import Bench
 from eairl_jax.experiments.pipeline import scaling
 from eairl_jax.experiments.pipeline.experiment import Experiment, imitations
 from eairl_jax.experiments.pipeline.run_folder import check_writable, machine, peak_memory_gb
+from eairl_jax.experiments.pipeline.stages import learner
 from eairl_jax.experiments.pipeline.train import LEARN, lane_keys
 from eairl_jax.lanes import shards_for
 from eairl_jax.methods import METHODS, with_method_defaults
@@ -91,6 +93,8 @@ def _scale(options: Bench, experiments: list[Experiment], command_line: str) -> 
 
     axes = [scaling.axis(text) for text in options.scale]
     planned = [scaling.experiments(axis, make) for axis in axes]
+    for experiment in itertools.chain(*planned):  # before the first of them is measured
+        learner(experiment)[1].check_memory()
     panels, content = [], {}
     for axis, along in zip(axes, planned, strict=True):
         points = []
