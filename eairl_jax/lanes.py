@@ -152,8 +152,8 @@ class Lanes:
         """
         if self._blocks or length not in self._programs:
             raise InputError(f"the memory of {length} iterations is not known: compile them first, in one process")
-        devices, analysis = len(self._devices), self._programs[length].memory_analysis()
-        return Memory(devices * self._state_size, devices * (analysis.temp_size_in_bytes if analysis else 0))
+        devices = len(self._devices)
+        return Memory(devices * self._state_size, devices * memory.scratch(self._programs[length]))
 
     @property
     def _state_size(self) -> int:
@@ -190,9 +190,7 @@ class Lanes:
         else:
             program = _chunk_program(self._algorithm, length, self._data_axis, self._mesh)
             compiled = program.lower(state, self.hparams, self.data).compile()
-            analysis = compiled.memory_analysis()
-            if analysis:
-                memory.refuse_too_much(analysis.temp_size_in_bytes, self._named("the iterations"), self._devices)
+            memory.refuse_too_much(memory.scratch(compiled), self._named("the iterations"), self._devices)
             self._programs[length] = compiled
         return time.perf_counter() - started
 

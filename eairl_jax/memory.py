@@ -42,6 +42,12 @@ def size(tree: PyTree) -> int:
     return sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(tree))
 
 
+def scratch(program: jax.stages.Compiled) -> int:
+    """Bytes that a program needs on each device beside its arguments and results; 0 where XLA does not say."""
+    analysis = program.memory_analysis()
+    return analysis.temp_size_in_bytes if analysis else 0
+
+
 def refuse_too_much(needed: int, what: str, devices: Sequence[Any]) -> None:
     """Raises `InputError` unless each of some devices of one kind has the memory.
 
