@@ -19,6 +19,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from eairl_jax.errors import InputError
 from eairl_jax.processes import Arrays, Peer, Team, check_lanes
+from eairl_jax.programs import row_shapes
 from eairl_jax.types import HParams, PyTree
 
 LANES = "lanes"
@@ -182,7 +183,7 @@ class Blocks:
 
     def shapes(self) -> PyTree:
         """The shapes `[lanes, ...]` of a state."""
-        return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((self._count, *leaf.shape[1:]), leaf.dtype), self._state)
+        return row_shapes(self._state, self._count)
 
     def compile(self, state: Spread, length: int, chunk: Callable) -> None:
         """Compiles `length` iterations everywhere.

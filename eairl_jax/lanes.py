@@ -16,6 +16,7 @@ from eairl_jax import arguments, memory, processes, shards
 from eairl_jax.blocks import LANES, Blocks
 from eairl_jax.errors import Diverged, InputError
 from eairl_jax.hparams import check_hparams
+from eairl_jax.programs import row_shapes
 from eairl_jax.schema import shown
 from eairl_jax.types import Algorithm, HParams, Key, Metrics, PyTree
 from eairl_jax.xla import options_of_one_call, refuse_double_precision
@@ -168,8 +169,7 @@ class Lanes:
         """The shapes `[lanes, ...]` of a state (`jax.ShapeDtypeStruct`); nothing is compiled."""
         if self._blocks:
             return self._blocks.shapes()
-        shapes = jax.eval_shape(self._init, self._keys, self.hparams)
-        return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((self.count, *leaf.shape[1:]), leaf.dtype), shapes)
+        return row_shapes(jax.eval_shape(self._init, self._keys, self.hparams), self.count)
 
     def compile(self, state: PyTree, length: int) -> float:
         """Compiles `length` iterations; returns the seconds that this took.

@@ -62,7 +62,7 @@ def refuse_too_much(needed: int, what: str, devices: Sequence[Any]) -> None:
     else:
         known = [free for free in map(device_free, devices) if free is not None]
         free, where = min(known, default=None), f"on {devices[0].device_kind}"
-    if free is not None and needed > free:
+    if free is not None and needed > max(free, 0):
         raise InputError(
             f"{what} need {needed / 1e9:,.1f} GB of memory, and {max(free, 0) / 1e9:,.1f} GB are free {where}: train "
             "fewer seeds (or values of a sweep) at a time, or choose fewer environments (num_envs), a shorter rollout "

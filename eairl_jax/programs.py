@@ -9,6 +9,8 @@ from typing import Any
 
 import jax
 
+from eairl_jax.types import PyTree
+
 
 @contextlib.contextmanager
 def compile_thread() -> Iterator[Executor]:
@@ -18,6 +20,11 @@ def compile_thread() -> Iterator[Executor]:
         yield thread
     finally:
         thread.shutdown(cancel_futures=True)
+
+
+def row_shapes(tree: PyTree, count: int) -> PyTree:
+    """The shapes `[count, ...]` of a pytree `[rows, ...]` of arrays or shapes."""
+    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((count, *leaf.shape[1:]), leaf.dtype), tree)
 
 
 class Program:

@@ -55,7 +55,7 @@ from eairl_jax.experiments.settings import Recipe, divisor
 from eairl_jax.irl import reward_kind
 from eairl_jax.lanes import KEPT_PROGRAMS, shards_for
 from eairl_jax.plans import Search, make_planner
-from eairl_jax.programs import Program, compile_thread
+from eairl_jax.programs import Program, compile_thread, row_shapes
 from eairl_jax.rl import Reward, true_reward
 from eairl_jax.storage import read_json, write_json
 from eairl_jax.types import PyTree
@@ -339,8 +339,7 @@ def _compile_judges(training: Training, thread: Executor) -> None:
     _random_program(env, JUDGED_EPISODES).compile_later(thread, keys[0])
     judge.compile_later(thread, state, training.paid(training.target.recipe.restarts), keys)
     seeds = len(training.labels)
-    of_seeds = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((seeds, *leaf.shape[1:]), leaf.dtype), state)
-    returns_program(env, algorithm).compile_later(thread, of_seeds, keys[:seeds])
+    returns_program(env, algorithm).compile_later(thread, row_shapes(state, seeds), keys[:seeds])
 
 
 def _judge(folder: RunFolder, training: Training, algorithm: Algorithm, state: PyTree) -> None:
