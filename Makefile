@@ -108,6 +108,11 @@ data: $(STAMP)
 	done
 	@$(BIN)/eairl expert half_cheetah --seeds 1 --set iterations=85 snapshot_every=85 --out runs/expert-half_cheetah-half
 	@$(BIN)/eairl demos half_cheetah --expert runs/expert-half_cheetah-half --out experiments/data/half_cheetah.half.npz
+	@for style in 0.02-b8dd61 0.5-cc5bf6; do \
+		task="half_cheetah?control_cost=$$(echo $$style | cut -d- -f1)"; \
+		$(BIN)/eairl expert "$$task" --seeds 1 && \
+		$(BIN)/eairl demos "$$task" --out experiments/data/half_cheetah-control_cost-$$style.npz || exit 1; \
+	done
 	@for iterations in 1 40 60 120 180; do \
 		name=half_cheetah-$$iterations; \
 		$(BIN)/eairl expert half_cheetah --seeds 1 --set iterations=$$iterations snapshot_every=$$iterations --out runs/expert-$$name && \

@@ -65,6 +65,7 @@ class Locomotion(MjxTask):
         is in the world.
       control_cost: weight of `|action|^2` in the reward.
       fidelity: the chosen `Fidelity`.
+      dynamics: of the class, the model and the fidelity, but not of the cost of actions.
       model: the model for the C engine. The integrator is that of the fidelity; the C engine's solver converges at
         either fidelity.
 
@@ -85,6 +86,7 @@ class Locomotion(MjxTask):
             spec.compiler.fusestatic = True  # fewer bodies with the same masses
         super().__init__(spec, frame_skip)
         model = self.model
+        self.dynamics = (type(self), spec.to_xml(), frame_skip, self.fidelity)
         self._constraints = FloorConstraints(model, self.fidelity.max_contacts)
         self._solve = tree_solver(model.dof_parentid)
         self._floating = model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE

@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import functools
 import io
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple, cast
 
@@ -89,6 +89,8 @@ class Task(Env):
       camera: the point of view of pictures.
       dt: seconds between two observations; None if unknown.
       gymnasium: the environment of Gymnasium that is the same task; None if Gymnasium has no such environment.
+      dynamics: equal for two tasks that differ in their rewards alone, so that one simulation serves both by
+        `MjxTask.rewarded`; None if that is not known of any other task.
     """
 
     episode_length: int
@@ -97,6 +99,7 @@ class Task(Env):
     model: mujoco.MjModel | None = None
     camera: Camera = Camera(azimuth=90.0, elevation=-20.0, distance=4.0, follows=False)
     gymnasium: GymnasiumTask | None = None
+    dynamics: Hashable | None = None
 
     def qpos(self, state: Any) -> jax.Array | None:
         """The positions `[nq]` of the model in a state of the task; None if the state does not hold them."""
@@ -197,14 +200,22 @@ class MjxTask(Task):
 
     @functools.partial(jax.jit, static_argnums=0)  # so that JAX traces the physics once, for all programs of a process
     def _advance(self, state: State, action: jax.Array) -> State:
-        action = jnp.clip(action, -self.action_limit, self.action_limit)
+        action = self._executed(action)
         before = cast(Physics, state.pipeline_state)
         # A scan, not an unrolled loop: XLA compiles the physics once instead of frame_skip times.
         after, _ = jax.lax.scan(
             lambda physics, _: (self.substep(physics, action), None), before, length=self.frame_skip
         )
-        reward = self.reward(before, action, after)
-        return dataclasses.replace(state, pipeline_state=after, obs=self.observe(after), reward=reward)
+        shown = dataclasses.replace(state, pipeline_state=after, obs=self.observe(after))
+        return self.rewarded(state, action, shown)
+
+    def rewarded(self, before: State, action: jax.Array, after: State) -> State:
+        """The state `after` with this task's reward for the action `[act]` that led to it from `before`."""
+        first, last = cast(Physics, before.pipeline_state), cast(Physics, after.pipeline_state)
+        return dataclasses.replace(after, reward=self.reward(first, self._executed(action), last))
+
+    def _executed(self, action: jax.Array) -> jax.Array:
+        return jnp.clip(action, -self.action_limit, self.action_limit)
 
     def qpos(self, state: Any) -> jax.Array:
         return state.pipeline_state.qpos

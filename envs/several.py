@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from eairl_jax.envs.mjx_task import Task
+from eairl_jax.envs.mjx_task import MjxTask, Task
 from eairl_jax.envs.names import TaskError
 
 
@@ -18,7 +18,7 @@ class SeveralState:
     """The state of an episode.
 
     Attributes:
-      inner: the states of all tasks. That of the episode's task is in use.
+      inner: a state for each dynamics that the tasks have. That of the episode's task is in use.
       which: `[]` the number of the episode's task.
       obs: `[obs + tasks]` the task's observation, then 1 for the episode's task and 0 for the others.
       reward, done: `[]` of the episode's task.
@@ -36,7 +36,8 @@ class SeveralTasks(Task):
 
     The last entries of an observation name the episode's task. So a policy, a value function and a potential can differ
     from task to task. A reward that is learned does not see these entries (`context_size`). All tasks are simulated at
-    every step, and that of the episode is shown.
+    every step, and that of the episode is shown. Tasks that differ in their rewards alone (`Task.dynamics`) are
+    simulated once.
 
     Args:
       tasks: two or more.
@@ -56,6 +57,10 @@ class SeveralTasks(Task):
                     f"several tasks as one need the same {name}, and these have {', '.join(map(str, values))}"
                 )
         self.tasks = tuple(tasks)
+        kinds = [getattr(task, "dynamics", None) or object() for task in tasks]
+        distinct = list(dict.fromkeys(kinds))
+        self._simulated = [kinds.index(kind) for kind in distinct]
+        self._inner_of = [distinct.index(kind) for kind in kinds]
         self.context_size = len(tasks)
         self.action_limit, self.episode_length = tasks[0].action_limit, tasks[0].episode_length
         self.ends = any(task.ends for task in tasks)
@@ -66,12 +71,21 @@ class SeveralTasks(Task):
     def reset(self, rng: jax.Array) -> Any:
         """Starts an episode of a task that is drawn at random."""
         which = jax.random.randint(jax.random.fold_in(rng, 1), (), 0, len(self.tasks))
-        return self._shown(tuple(task.reset(rng) for task in self.tasks), which)
+        inner = tuple(self.tasks[number].reset(rng) for number in self._simulated)
+        return self._shown(inner, which, [inner[place] for place in self._inner_of])
 
     def step(self, state: Any, action: jax.Array) -> Any:
         """Steps all tasks with the action `[act]`, and shows that of the episode."""
-        inner = tuple(task.step(each, action) for task, each in zip(self.tasks, state.inner, strict=True))
-        return self._shown(inner, state.which)
+        tasks = [self.tasks[number] for number in self._simulated]
+        inner = tuple(task.step(each, action) for task, each in zip(tasks, state.inner, strict=True))
+
+        def shown(number: int) -> Any:
+            before, after = (each[self._inner_of[number]] for each in (state.inner, inner))
+            if number in self._simulated:
+                return after
+            return cast(MjxTask, self.tasks[number]).rewarded(before, action, after)
+
+        return self._shown(inner, state.which, [shown(number) for number in range(len(self.tasks))])
 
     def qpos(self, state: Any) -> None:
         """None: there is no one model."""
@@ -94,11 +108,17 @@ class SeveralTasks(Task):
         (first, *others) = (task.dt for task in self.tasks)
         return first if all(each == first for each in others) else None
 
-    def _shown(self, inner: tuple[Any, ...], which: jax.Array) -> SeveralState:
-        def of_task(name: str) -> jax.Array:
-            return jnp.stack([jnp.asarray(getattr(each, name), jnp.float32) for each in inner])[which]
+    def _shown(self, inner: tuple[Any, ...], which: jax.Array, states: Sequence[Any]) -> SeveralState:
+        """`inner`, and what the episode's task shows.
 
-        obs = jnp.concatenate([of_task("obs"), jax.nn.one_hot(which, len(inner))])
+        Args:
+          states: of every task.
+        """
+
+        def of_task(name: str) -> jax.Array:
+            return jnp.stack([jnp.asarray(getattr(each, name), jnp.float32) for each in states])[which]
+
+        obs = jnp.concatenate([of_task("obs"), jax.nn.one_hot(which, len(states))])
         return SeveralState(inner, which, obs, of_task("reward"), of_task("done"))
 
 

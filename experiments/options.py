@@ -420,10 +420,13 @@ class Reproduce:
     """
 
     name: Annotated[
-        Positional[Literal["table1", "table2", "figure2", "appendix-c", "ablations", "sources", "imperfect", "all"]],
+        Positional[
+            Literal["table1", "table2", "figure2", "appendix-c", "ablations", "sources", "imperfect", "styles", "all"]
+        ],
         arg(
             help="Reward transfer; imitation; curves of the transfer; paths and gaits; EAIRL with one setting changed; "
-            "rewards from one source and from two; rewards from imperfect demonstrations; all of them."
+            "rewards from one source and from two; rewards from imperfect demonstrations; rewards from demonstrators "
+            "of different styles; all of them."
         ),
     ]
     quick: bool = False

@@ -75,7 +75,9 @@ Pair = tuple[str, str]  # source and target
 MethodForm = tuple[str, str]  # a method and a reward form
 
 BOTH_MAZES = "point_maze_left+point_maze_right"
-TASKS_BY_COST = ("point_maze_left", "point_maze_right", BOTH_MAZES, "pendulum", "swimmer", "half_cheetah", "ant")
+# Three experts of half-cheetah, to whom actions cost little, as much as usual, and much.
+STYLES = "half_cheetah?control_cost=0.02+half_cheetah+half_cheetah?control_cost=0.5"
+TASKS_BY_COST = (*BOTH_MAZES.split("+"), BOTH_MAZES, "pendulum", "swimmer", "half_cheetah", STYLES, "ant")
 MAZES: tuple[Pair, Pair] = (("point_maze_left", "point_maze_right"), ("point_maze_right", "point_maze_left"))
 ANTS: Pair = ("ant", "crippled_ant")
 IMITATED = ("pendulum", "swimmer", "half_cheetah", "ant")
@@ -106,6 +108,8 @@ SEPARABLE_ABLATIONS = (("shaping=empowerment",), ("lambda_i=1",))
 EXACT_PHI = tuple(("shaping=exact_empowerment", f"empowerment_steps={steps}") for steps in (1, 5, 20))
 # The paper's own protocol of learning in the mazes: TRPO, 20,000 steps an update, 2.6M steps.
 PROTOCOL = ("optimizer=trpo", "num_envs=200", "iterations=130")
+# A part of the reward for each source beside the shared one.
+OWN_PART = ("own_part=0.1",)
 # Of the separable reward of the ant: the penalty on slopes in place of sparsity, less sparsity, other potentials.
 ANT_ABLATIONS = (
     ("gradient_penalty=0.1", "input_sparsity=0"),
@@ -231,6 +235,15 @@ def _imperfect() -> list[Planned]:
     ]
 
 
+def _styles() -> list[Planned]:
+    """Rewards from demonstrators of several styles: one for all, and with a part for each of them beside it."""
+    return [
+        Planned(STYLES, method, form, "half_cheetah", settings=settings, retrain_settings=ONE_POLICY)
+        for method, form in (("eairl", "separable"), ("airl_s", "default"))
+        for settings in ((), OWN_PART)
+    ]
+
+
 def _table2() -> list[Planned]:
     return [
         *(Planned(task, method) for task in IMITATED for method in IMITATORS),
@@ -254,8 +267,9 @@ EXPERIMENTS: dict[str, list[Planned]] = {
     ],
     "sources": _sources(),
     "imperfect": _imperfect(),
+    "styles": _styles(),
 }
-OURS = ("ablations", "sources", "imperfect")
+OURS = ("ablations", "sources", "imperfect", "styles")
 """Tables that the paper does not have."""
 # The experiment whose results each figure shows.
 FIGURES = {"figure2": "table1", "appendix-c": "table1"}

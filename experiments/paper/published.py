@@ -50,7 +50,7 @@ IMITATION: Table = {
 }
 
 # Which of them stand beside each experiment of `eairl reproduce`.
-TABLES = {"table1": TRANSFER, "table2": IMITATION, "ablations": TRANSFER, "sources": TRANSFER, "imperfect": TRANSFER}
+TABLES = {"table2": IMITATION} | dict.fromkeys(("table1", "ablations", "sources", "imperfect", "styles"), TRANSFER)
 
 
 def figure(table: Table, task: str, method: str) -> Figure | None:

@@ -100,6 +100,7 @@ def _scores(results_of: dict[str, list[Result]]) -> dict:
         "protocol": tables.by_protocol(results_of["ablations"]),
         "samples": tables.samples(results_of["table2"]),
         "imperfect": tables.imperfect(results_of["imperfect"]),
+        "by_style": tables.by_style(results_of["styles"]),
         "ablations": report_figures.ablations(results_of),
     }
 

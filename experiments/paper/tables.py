@@ -340,6 +340,29 @@ def _with_lowest(result: Result | None) -> Cell:
     return Cell(f"{mean_and_std(result.mean, result.std)}, lowest {min(result.returns):.2f}", result.normalized)
 
 
+OWN_PART = "+own_part="
+"""Stands in the name of a result with a part of the reward for each demonstrator."""
+
+
+def by_style(experiment: list[Result]) -> list[Table]:
+    """For each group of demonstrators the rewards learned from all: one for all, or with a part for each beside it."""
+    return [_style_table(group) for group in results.by_task(experiment).values()]
+
+
+def _style_table(group: list[Result]) -> Table:
+    shared = {result.name: result for result in group if OWN_PART not in result.name}
+    lines = _above(group[0], {})
+    for result in results.in_order(group):
+        name = result.name.partition("+")[0]
+        has_part = OWN_PART in result.name
+        alone = shared.get(re.sub(rf"{re.escape(OWN_PART)}[^+]*", "", result.name))
+        gained = gain(result, alone) if has_part and alone else ""
+        kind = "with a part for each" if has_part else "one reward for all"
+        lines.append((f"{results.title(name)}, {kind}", [_with_lowest(result), Cell(gained)]))
+    columns = [f"in {group[0].target}", "gained by the parts, 95 % interval"]
+    return Table("from demonstrators of several styles", columns, [*lines, _below(group[0])])
+
+
 EXACT_PHI, NO_PHI = "+shaping=exact_empowerment+empowerment_steps=", "+shaping=none"
 
 
@@ -403,6 +426,7 @@ OWN = {
     "sources": ("sources", by_source),
     "exact-phi": ("ablations", exact_phi),
     "imperfect": ("imperfect", imperfect),
+    "styles": ("styles", by_style),
     "samples": ("table2", samples),
     "protocol": ("ablations", by_protocol),
 }

@@ -77,6 +77,22 @@ def test_the_names_of_two_mazes_make_one_task():
     assert [task.spec.geom("barrier").fromto[0] for task in both.tasks] == pytest.approx([0.2, -0.1])
 
 
+def test_tasks_that_differ_in_their_rewards_alone_are_simulated_once():
+    costs = (0.02, 0.1, 0.5)
+    several = envs.make("+".join(f"half_cheetah?control_cost={cost}" for cost in costs))
+    keys, action = jax.random.split(jax.random.PRNGKey(0), 12), jnp.full(6, 0.8)
+    states = jax.vmap(lambda key: several.step(several.reset(key), action))(keys)
+    assert len(states.inner) == 1
+    assert set(states.which.tolist()) == {0, 1, 2}
+    one = envs.make("half_cheetah?control_cost=0")
+    alone = jax.vmap(lambda key: one.step(one.reset(key), action))(keys)
+    np.testing.assert_allclose(states.obs[:, :17], alone.obs, rtol=1e-6)
+    cost = np.array(costs)[states.which] * 6 * 0.8**2
+    np.testing.assert_allclose(states.reward, alone.reward - cost, atol=1e-4)
+    exact = envs.make("half_cheetah?fidelity=exact")
+    assert len({one.dynamics, several.tasks[0].dynamics, exact.dynamics, envs.make("ant").dynamics}) == 3
+
+
 def task_like(**changes):
     declared = dict(observation_size=2, action_size=1, action_limit=1.0, episode_length=10, ends=False, dt=0.1)
     return SimpleNamespace(**declared | changes)

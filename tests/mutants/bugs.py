@@ -651,8 +651,8 @@ PHYSICS = bugs_of(
     (
         "actions-without-bounds",
         "mjx_task.py",
-        "action = jnp.clip(action, -self.action_limit, self.action_limit)",
-        "action = jnp.asarray(action)",
+        "return jnp.clip(action, -self.action_limit, self.action_limit)",
+        "return action",
         "envs/test_swimmer.py",
     ),
     (

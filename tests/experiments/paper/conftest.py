@@ -64,6 +64,13 @@ def results_of():
     """A function that makes the results of every experiment from those of each."""
 
     def make(table2=(), table1=(), ablations=()):
-        return {"table1": [*table1], "table2": [*table2], "ablations": [*ablations], "sources": [], "imperfect": []}
+        return {
+            "table1": [*table1],
+            "table2": [*table2],
+            "ablations": [*ablations],
+            "sources": [],
+            "imperfect": [],
+            "styles": [],
+        }
 
     return make

@@ -31,7 +31,7 @@ def test_cheap_tasks_come_first_and_what_the_paper_does_not_have_last():
     assert len(ordered) == sum(map(len, EXPERIMENTS.values()))
     names = [name for name, _ in ordered]
     first_ablation = names.index("ablations")
-    assert list(dict.fromkeys(names[first_ablation:])) == ["ablations", "sources", "imperfect"]
+    assert list(dict.fromkeys(names[first_ablation:])) == ["ablations", "sources", "imperfect", "styles"]
     tasks = list(dict.fromkeys(planned.task for _, planned in ordered[:first_ablation]))
     assert tasks == ["point_maze_left", "point_maze_right", "pendulum", "swimmer", "half_cheetah", "ant"]
     ants = [planned.target for _, planned in ordered[:first_ablation] if planned.task == "ant"]

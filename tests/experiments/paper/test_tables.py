@@ -130,6 +130,22 @@ def test_the_table_of_imperfect_demonstrations(make_result):
     assert lines["EAIRL, separable, ssrr"][1] == "1.50, lowest 1.00"
 
 
+def test_the_table_of_styles_compares_the_same_seeds(make_result):
+    tasks = ("half_cheetah+half_cheetah?control_cost=0.5", "half_cheetah", "last")
+    names = {"": [1.0, 2.0, 3.0], "+own_part=0.1": [2.0, 3.5, 3.5]}
+    experiment = [
+        make_result(f"{method}{part}+retrain_trials=0", returns, *tasks)
+        for part, returns in names.items()
+        for method in ("eairl-separable", "airl_s-s")
+        if not (part == "" and method == "airl_s-s")
+    ]
+    (table,) = tables.by_style(experiment)
+    lines = {name: [cell.ours for cell in cells] for name, cells in table.lines}
+    assert lines["EAIRL, separable, one reward for all"] == ["2.00 ± 0.82, lowest 1.00", ""]
+    assert lines["EAIRL, separable, with a part for each"][1].startswith("+1.00 (")
+    assert lines["AIRL(s), with a part for each"] == ["3.00 ± 0.71, lowest 2.00", ""]
+
+
 def test_what_is_gained_is_of_the_seeds_that_both_have(make_result):
     ours, theirs = make_result("eairl-sa", [1.0, 2.0, 3.0], "ant"), make_result("bc", [1.0, 1.0, 9.0], "ant")
     shared = dataclasses.replace(theirs, seeds=[*ours.seeds[:2], 99])
