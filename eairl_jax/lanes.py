@@ -57,7 +57,7 @@ class Lanes:
     Raises:
       InputError: if `keys` are not one key for each lane, if a value of `hparams` is impossible, if a leaf of `hparams`
         or of `data` has another number of lanes, if there are more processes than lanes, or if the algorithm needs more
-        devices a lane than there are, or several while there are several processes.
+        devices a lane than there are (in a process, if there are several).
       ProcessLost: here and in every method, if one of several processes is gone.
     """
 
@@ -82,9 +82,10 @@ class Lanes:
         self._programs: dict[int, Any] = {}
         team = None if devices else processes.current()
         devices = devices or jax.local_devices()
-        _check_shards(algorithm.shards, len(devices), team is not None)
-        self._blocks = Blocks(team, init, np.asarray(keys), hparams, data, data_per_lane) if team else None
-        if self._blocks:
+        _check_shards(algorithm.shards, min(team.devices) if team else len(devices))
+        self._blocks = None
+        if team:
+            self._blocks = Blocks(team, init, np.asarray(keys), hparams, data, data_per_lane, algorithm.shards)
             return
         rows = min(self.count, len(devices) // algorithm.shards)
         self._rows = np.minimum(np.arange(-(-self.count // rows) * rows), self.count - 1)
@@ -321,17 +322,12 @@ def _check_algorithm(algorithm: Algorithm) -> None:
         )
 
 
-def _check_shards(count: int, devices: int, several_processes: bool) -> None:
-    """Raises `InputError` if a lane cannot have `count` devices."""
+def _check_shards(count: int, devices: int) -> None:
+    """Raises `InputError` if a lane cannot have `count` devices of a process that has `devices`."""
     if count > devices:
         raise InputError(
             f"the algorithm was built with shards = {count}, and there are {devices} devices: build it with "
             f"shards={devices} or fewer"
-        )
-    if count > 1 and several_processes:
-        raise InputError(
-            f"the algorithm was built with shards = {count}, and lanes in several processes have one device each: "
-            "build it with shards=1"
         )
 
 
@@ -342,17 +338,18 @@ SMALLEST_SHARD, SMALLEST_SHARD_ON_CPU = 1024, 16
 def shards_for(lanes: int, num_envs: int) -> int:
     """How many devices a lane should have: `shards` of `make_irl` and `make_rl`.
 
-    One, unless there are at least twice as many devices as lanes, and enough environments for several. In several
-    processes a lane has one device.
+    One, unless there are at least twice as many devices as lanes, and enough environments for several. The devices of a
+    lane are of one process: with several processes, the one with the fewest decides.
 
     Args:
       lanes: how many lanes there are.
       num_envs: environments of a lane; they are split evenly.
     """
-    if processes.current():
-        return 1
     smallest = SMALLEST_SHARD_ON_CPU if jax.default_backend() == "cpu" else SMALLEST_SHARD
-    return shards.fitting(num_envs, min(jax.local_device_count() // lanes, num_envs // smallest))
+    own, devices = lanes, jax.local_device_count()
+    if team := processes.current():
+        own, devices = -(-lanes // len(team.devices)), min(team.devices)
+    return shards.fitting(num_envs, min(devices // own, num_envs // smallest))
 
 
 def _check_rows(name: str, tree: PyTree, count: int) -> None:

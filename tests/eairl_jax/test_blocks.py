@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from eairl_jax import InputError
-from eairl_jax.blocks import Block, _exported, share
+from eairl_jax.blocks import OwnLanes, _exported, share
 
 SHARES = {
     "a lane a device": ((4, [2, 2]), ([2, 2], 1)),
@@ -31,9 +31,9 @@ def test_no_process_is_left_without_a_lane():
 
 def test_a_block_has_no_other_calls():
     keys = np.asarray(jax.random.split(jax.random.PRNGKey(0), 2))
-    block = Block([keys], hparams=0, devices=2, data_per_lane=False)
+    own = OwnLanes([keys], hparams=0, devices=2, data_per_lane=False)
     with pytest.raises(InputError, match="a block cannot '__init__'"):
-        block.call("__init__", [], {})
+        own.call("__init__", [], {})
 
 
 def test_a_program_that_asks_the_host_is_refused():
@@ -41,4 +41,4 @@ def test_a_program_that_asks_the_host_is_refused():
         return jax.pure_callback(lambda x: x, jax.ShapeDtypeStruct((), np.float32), x)
 
     with pytest.raises(InputError, match=r"cannot be computed by several processes \(.*\): run it in one"):
-        _exported(asks, jax.ShapeDtypeStruct((), np.float32))
+        _exported(asks, 1, jax.ShapeDtypeStruct((), np.float32))

@@ -13,6 +13,7 @@ import pytest
 
 from eairl_jax import Algorithm, HParams, InputError, Lanes, ProcessLost, processes
 from eairl_jax.processes import Meeting, Peer, meeting
+from eairl_jax.shards import Shards
 
 ROOT = Path(__file__).resolve().parents[2]
 SLURM = {"SLURM_JOB_ID": "7", "SLURM_STEP_NODELIST": "127.0.0.1", "SLURM_NTASKS": "2", "SLURM_LOCALID": "0"}
@@ -117,19 +118,28 @@ def stride(state, hparams, data):
     return state | {"total": total}, {"total": total.sum(), "first": total[0]}
 
 
-WALK = Algorithm(walk, stride, lambda state, obs, key: obs)
+def stride_together(state, hparams, data):
+    """As `stride`, each of two devices with half of the vector."""
+    mean = Shards(2).mean(Shards(2).part(data["vector"]).mean())
+    return stride(state, hparams, data | {"vector": mean * jax.numpy.ones(2)})
+
+
+WALKS = {
+    shards: Algorithm(walk, step, lambda state, obs, key: obs, shards)
+    for shards, step in ((1, stride), (2, stride_together))
+}
 COUNT = 7
 DATA = {"gain": np.arange(COUNT, dtype=np.float32), "vector": np.ones((COUNT, 2), np.float32)}
 
 
-def walked(out):
-    """Trains the toy with whatever processes there are; writes what comes out."""
+def walked(out, shards):
+    """Trains the toy with whatever processes there are, `shards` devices a lane; writes what comes out."""
     keys = jax.random.split(jax.random.PRNGKey(3), COUNT)
     hparams = HParams(lambda_i=np.arange(1.0, COUNT + 1), beta=0.5)
-    forgotten = Lanes(WALK, keys, hparams, DATA, data_per_lane=True)
+    forgotten = Lanes(WALKS[shards], keys, hparams, DATA, data_per_lane=True)
     forgotten.init()
     del forgotten
-    lanes = Lanes(WALK, keys, hparams, DATA, data_per_lane=True)
+    lanes = Lanes(WALKS[shards], keys, hparams, DATA, data_per_lane=True)
     first, metrics = lanes.run(lanes.init(), 3)
     kept = lanes.take(first)
     jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, np.zeros_like(b), strict=True), lanes.blank(), kept)
@@ -158,7 +168,7 @@ try:
         print("devices", *team.devices, flush=True)
         import test_processes
         with processes.leading(team):
-            lanes, used = test_processes.walked({out!r})
+            lanes, used = test_processes.walked({out!r}, {shards})
             try:
                 lanes.take(used)
             except InputError as e:
@@ -172,12 +182,14 @@ except (InputError, ProcessLost) as e:
 """
 
 
-def start(where, role, out="", wait=60, gamma="1", dies=False, **environ):
+def start(where, role, out="", wait=60, gamma="1", dies=False, shards=1, **environ):
     """Starts a process of the toy."""
-    code = CHILD.format(tests=str(Path(__file__).parent), wait=wait, gamma=gamma, out=str(out), dies=dies)
+    code = CHILD.format(
+        tests=str(Path(__file__).parent), wait=wait, gamma=gamma, out=str(out), dies=dies, shards=shards
+    )
     return subprocess.Popen(
         [sys.executable, "-c", code, where, role],
-        env=os.environ | {"JAX_PLATFORMS": "cpu"} | environ,
+        env=os.environ | {"JAX_PLATFORMS": "cpu", "NPROC": ""} | environ,  # threads for as many devices as asked for
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -191,13 +203,16 @@ def free_port():
         return server.getsockname()[1]
 
 
-def test_processes_of_different_size_compute_what_one_computes_and_the_death_of_process_0_ends_the_others(tmp_path):
+@pytest.mark.parametrize("shards", WALKS)
+def test_processes_of_different_size_compute_what_one_computes_and_the_death_of_process_0_ends_the_others(
+    tmp_path, shards
+):
     where = f"localhost:{free_port()}"
-    leader = start(where, "0", tmp_path / "two.npz", dies=True, JAX_NUM_CPU_DEVICES="1")
-    worker = start(where, "1", JAX_NUM_CPU_DEVICES="3")
+    leader = start(where, "0", tmp_path / "two.npz", dies=True, shards=shards, JAX_NUM_CPU_DEVICES=f"{shards}")
+    worker = start(where, "1", JAX_NUM_CPU_DEVICES=f"{3 * shards}")
     printed = leader.communicate(timeout=120)[0].splitlines()
     assert printed == [
-        "devices 1 3",
+        f"devices {shards} {3 * shards}",
         "the lanes are in several processes, which keep one state: the newest one is needed here",
     ]
     assert leader.returncode == -signal.SIGKILL
@@ -205,7 +220,7 @@ def test_processes_of_different_size_compute_what_one_computes_and_the_death_of_
         "ProcessLost process 0 of 2 (localhost) has ended: start all processes again: a training goes on from its last "
         "checkpoint"
     ]
-    walked(tmp_path / "one.npz")
+    walked(tmp_path / "one.npz", shards)
     one, two = (dict(np.load(tmp_path / f"{name}.npz")) for name in ("one", "two"))
     assert one.keys() == two.keys()
     for name in one:

@@ -61,15 +61,19 @@ def test_the_most_devices_that_split_the_environments_evenly(num_envs, devices):
     assert shards.of_count(count, num_envs) == Shards(count)
 
 
+def trained(algorithm, data, lanes):
+    """The state and the metrics of two iterations."""
+    run = Lanes(algorithm, jax.random.split(jax.random.PRNGKey(5), lanes), HParams(), data)
+    state, metrics = run.run(run.init(), 2)
+    return run.take(state), metrics
+
+
 def same_on_two_devices(make, data, lanes, tolerance):
     """Trains by an algorithm built for one device a lane, and by the same one built for two; the states agree."""
-    keys, trained = jax.random.split(jax.random.PRNGKey(5), lanes), []
-    for count in (1, 2):
-        run = Lanes(make(count), keys, HParams(), data)
-        state, metrics = run.run(run.init(), 2)
-        trained.append((run.take(state), metrics))
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance), *trained)
-    assert np.ptp(trained[0][0].agent.rollout.env.obs) > 0
+    both = [trained(make(count), data, lanes) for count in (1, 2)]
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance), *both)
+    assert np.ptp(both[0][0].agent.rollout.env.obs) > 0
+    return both[1]
 
 
 @pytest.mark.filterwarnings("ignore:horizon")
@@ -82,7 +86,9 @@ def test_lanes_on_two_devices_differ_in_the_last_bits_alone(toy, tiny, demos):
 
 def test_trpo_too_with_minibatches_that_have_no_equal_parts(toy, tiny):
     config = tiny(optimizer="trpo", num_envs=2, rollout_length=3, ppo_epochs=2, ppo_minibatches=2)  # minibatches of 3
-    same_on_two_devices(lambda count: make_rl(toy(), config, shards=count), (), 1, 2e-4)
+    alone = same_on_two_devices(lambda count: make_rl(toy(), config, shards=count), (), 1, 2e-4)
+    with processes.leading(processes.Team([], [2])):  # a team of this process alone, with its two devices
+        jax.tree.map(np.testing.assert_array_equal, trained(make_rl(toy(), config, shards=2), (), 1), alone)
 
 
 def test_what_cannot_be_split_is_refused(toy, tiny):
@@ -98,12 +104,19 @@ def test_lanes_refuse_an_algorithm_that_needs_more_devices():
         Lanes(algorithm, jax.random.split(jax.random.PRNGKey(0), 1), HParams())
 
 
-def test_several_processes_have_one_device_a_lane(monkeypatch):
+@pytest.mark.parametrize(
+    ("lanes", "devices", "expected"), [(2, [4, 4], 4), (3, [4, 4], 2), (2, [4, 3], 2), (2, [1, 4], 1), (5, [4, 4], 1)]
+)
+def test_the_devices_of_a_lane_are_of_one_process(monkeypatch, lanes, devices, expected):
+    monkeypatch.setattr(processes, "current", lambda: processes.Team([], devices))
+    assert shards_for(lanes, 64) == expected
+
+
+def test_a_process_with_too_few_devices_is_refused(monkeypatch):
     algorithm = Algorithm(lambda key, _: {"x": jnp.zeros(())}, lambda s, h, d: (s, {}), lambda *_: None, shards=2)
-    monkeypatch.setattr(processes, "current", lambda: object())
-    assert shards_for(1, 32) == 1
-    with pytest.raises(InputError, match="lanes in several processes have one device each"):
-        Lanes(algorithm, jax.random.split(jax.random.PRNGKey(0), 1), HParams())
+    monkeypatch.setattr(processes, "current", lambda: processes.Team([], [4, 1]))
+    with pytest.raises(InputError, match="shards = 2, and there are 1 devices"):
+        Lanes(algorithm, jax.random.split(jax.random.PRNGKey(0), 2), HParams())
 
 
 @pytest.mark.parametrize(

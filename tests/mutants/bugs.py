@@ -457,6 +457,20 @@ LIBRARY = bugs_of(
         "eairl_jax/test_actor_critic.py",
     ),
     (
+        "the-largest-process-decides",
+        "lanes.py",
+        "-(-lanes // len(team.devices)), min(team.devices)",
+        "-(-lanes // len(team.devices)), max(team.devices)",
+        "eairl_jax/test_shards.py::test_the_devices_of_a_lane_are_of_one_process",
+    ),
+    (
+        "one-group-gets-all-lanes",
+        "blocks.py",
+        "own = [list(each) for each in zip(*(np.split(each, self._groups) for each in arrays), strict=True)]",
+        "own = [[np.split(each, self._groups)[0] for each in arrays]] * self._groups",
+        "eairl_jax/test_processes.py::test_processes_of_different_size_compute_what_one_computes_and_the_death_of_process_0_ends_the_others",
+    ),
+    (
         "nan-is-no-number-to-worry-about",
         "lanes.py",
         'name == "true_return" else ~np.isfinite(values)',
@@ -648,6 +662,13 @@ ACCELERATIONS = "envs/physics/test_contact_solver.py::test_accelerations_are_the
 
 PHYSICS = bugs_of(
     "envs",
+    (
+        "every-reward-is-the-first-tasks",
+        "several.py",
+        "if number in self._simulated:",
+        "if True:",
+        "envs/test_several.py::test_tasks_that_differ_in_their_rewards_alone_are_simulated_once",
+    ),
     (
         "actions-without-bounds",
         "mjx_task.py",
