@@ -10,6 +10,9 @@ EXTRAS = minari,hf,hdf5,wandb,search,cluster
 # jax2onnx asks for an older orbax-checkpoint than ours, so it has an environment of its own.
 ONNX_VENV = $(VENV)-onnx
 ONNX_STAMP = $(ONNX_VENV)/.installed
+# The library `imitation` asks for an older gymnasium than ours.
+IMITATION_VENV = $(VENV)-imitation
+IMITATION_STAMP = $(IMITATION_VENV)/.installed
 
 # Options of tests/mutants/run.py, tests/physics/random_steps.py and tests/kills/run.py, e.g. MUTANTS="--shard 1/4"
 # PHYSICS="--task ant" KILLS="--commands imitate --kills 3".
@@ -17,7 +20,7 @@ MUTANTS ?=
 PHYSICS ?=
 KILLS ?=
 
-.PHONY: help install demo test test-extras test-onnx onnx test-newest test-slow test-mutants test-physics test-repeats test-kill lint docs release bench data clean
+.PHONY: help install demo test test-extras test-onnx onnx test-newest test-slow test-mutants test-physics test-repeats test-kill lint docs release bench bench-imitation data clean
 
 help:
 	@echo "make demo       learn a reward in the left maze, use it in the right one (the main job)"
@@ -32,6 +35,7 @@ help:
 	@echo "make test-repeats  compares runs that should be equal: repeated, in other chunks, on other devices"
 	@echo "make test-kill  kills runs at random moments and at file events; they must end with the same bits"
 	@echo "make bench      what an iteration costs beside its simulation"
+	@echo "make bench-imitation  our GAIL, AIRL and EAIRL beside those of the library imitation (half an hour)"
 	@echo "make data       train the experts and collect the shipped demonstrations anew"
 	@echo "make lint       ruff and pyright"
 	@echo "make docs       the documentation site, in build/site"
@@ -100,6 +104,16 @@ test-kill: $(STAMP)
 bench: $(STAMP)
 	@$(BIN)/eairl bench point_maze_left
 
+$(IMITATION_STAMP):
+	@echo "== making a virtual environment in $(IMITATION_VENV)"
+	@$(PYTHON) -m venv $(IMITATION_VENV)
+	@$(IMITATION_VENV)/bin/python -m pip install --quiet --disable-pip-version-check imitation==1.0.1 "gymnasium[mujoco]==0.29.1"
+	@touch $(IMITATION_STAMP)
+	@echo "== installed"
+
+bench-imitation: $(STAMP) $(IMITATION_STAMP)
+	@$(BIN)/python tests/speed/imitation/run.py --python $(IMITATION_VENV)/bin/python
+
 data: $(STAMP)
 	@for task in pendulum:4 point_maze_left:4 point_maze_right:4 point_maze_middle:4 point_maze_double:4 swimmer:2 half_cheetah:2 ant:1 crippled_ant:1; do \
 		name=$${task%:*}; \
@@ -139,4 +153,4 @@ release: $(STAMP)
 	$(BIN)/python tools/release.py
 
 clean:
-	rm -rf $(VENV) $(ONNX_VENV) build dist *.egg-info
+	rm -rf $(VENV) $(ONNX_VENV) $(IMITATION_VENV) build dist *.egg-info

@@ -14,6 +14,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from eairl_jax import arguments, memory, processes, shards
 from eairl_jax.blocks import LANES, Blocks
+from eairl_jax.config import Config
 from eairl_jax.errors import Diverged, InputError
 from eairl_jax.hparams import check_hparams
 from eairl_jax.programs import row_shapes
@@ -333,23 +334,29 @@ def _check_shards(count: int, devices: int) -> None:
 
 SMALLEST_SHARD, SMALLEST_SHARD_ON_CPU = 1024, 16
 """Environments that are worth a device of their own. On a GPU, 128 take as long as 16."""
+SHORTEST_ITERATION_ON_CPU = 6400
+"""Environment steps of an iteration that is worth two devices. Devices that share a lane wait for each other some 20 ms
+an iteration: a maze with 3,200 steps gets slower by that, a swimmer with 8,000 faster (`docs/performance.md`)."""
 
 
-def shards_for(lanes: int, num_envs: int) -> int:
+def shards_for(lanes: int, config: Config) -> int:
     """How many devices a lane should have: `shards` of `make_irl` and `make_rl`.
 
-    One, unless there are at least twice as many devices as lanes, and enough environments for several. The devices of a
-    lane are of one process: with several processes, the one with the fewest decides.
+    One, unless there are at least twice as many devices as lanes, and enough environments and steps for several. The
+    devices of a lane are of one process: with several processes, the one with the fewest decides.
 
     Args:
       lanes: how many lanes there are.
-      num_envs: environments of a lane; they are split evenly.
+      config: `num_envs` environments of a lane are split evenly.
     """
-    smallest = SMALLEST_SHARD_ON_CPU if jax.default_backend() == "cpu" else SMALLEST_SHARD
+    on_cpu = jax.default_backend() == "cpu"
+    if on_cpu and config.steps_per_iteration < SHORTEST_ITERATION_ON_CPU:
+        return 1
     own, devices = lanes, jax.local_device_count()
     if team := processes.current():
         own, devices = -(-lanes // len(team.devices)), min(team.devices)
-    return shards.fitting(num_envs, min(devices // own, num_envs // smallest))
+    smallest = SMALLEST_SHARD_ON_CPU if on_cpu else SMALLEST_SHARD
+    return shards.fitting(config.num_envs, min(devices // own, config.num_envs // smallest))
 
 
 def _check_rows(name: str, tree: PyTree, count: int) -> None:

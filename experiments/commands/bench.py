@@ -191,7 +191,7 @@ def whole_iterations(experiment: Experiment, iterations: int) -> tuple[dict[str,
 
         return run
 
-    devices, shards = jax.local_devices(), shards_for(1, config.num_envs)
+    devices, shards = jax.local_devices(), shards_for(1, config)
     programs = {ONE_DEVICE: (1, devices[:1], 1), FIVE_SEEDS: (SEEDS, devices, 1)}
     if shards > 1:
         programs[ALL_DEVICES] = (1, devices, shards)

@@ -72,7 +72,7 @@ def run(options: Expert, command_line: str) -> None:
 
 def _train(folder: RunFolder, env, training: Recipe, seeds: int) -> dict:
     """The summary of experts that are trained to the end."""
-    algorithm = make_rl(env, training.config, shards=shards_for(seeds, training.config.num_envs))
+    algorithm = make_rl(env, training.config, shards=shards_for(seeds, training.config))
     lanes = Lanes(algorithm, lane_keys(LEARN, range(seeds)), training.hparams)
     labels: list[Lane] = [{"seed": seed} for seed in range(seeds)]
     state = train(folder, folder.path.name, lanes, training, labels)

@@ -115,7 +115,7 @@ class Training:
 
     def algorithm(self, labels: list[Lane]) -> Algorithm:
         """Reinforcement learning on the reward, in as many lanes as there are labels."""
-        return _algorithm(self.target.env, self.config, self.function, shards_for(len(labels), self.config.num_envs))
+        return _algorithm(self.target.env, self.config, self.function, shards_for(len(labels), self.config))
 
     def paid(self, count: int) -> Paid:
         """What is paid for, `[rewards]` repeated `count` times, one after another."""

@@ -75,7 +75,7 @@ def make_algorithm(env: Task, config: Config, shards: int = 1) -> Algorithm:
 def learner(experiment: Experiment) -> tuple[Algorithm, Lanes]:
     """The method of an experiment, and a lane for each point and seed; nothing is compiled yet."""
     labels, config = lanes_of(experiment), experiment.config
-    algorithm = make_algorithm(experiment.source.env, config, shards_for(len(labels), config.num_envs))
+    algorithm = make_algorithm(experiment.source.env, config, shards_for(len(labels), config))
     keys = lane_keys(LEARN, [lane["seed"] for lane in labels])
     return algorithm, Lanes(algorithm, keys, _hparams(experiment), experiment.source.demos)
 

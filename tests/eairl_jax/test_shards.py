@@ -10,9 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jax.sharding import Mesh, PartitionSpec
 
-from eairl_jax import Algorithm, HParams, InputError, Lanes, make_irl, make_rl, processes, shards
+from eairl_jax import Algorithm, Config, HParams, InputError, Lanes, make_irl, make_rl, processes, shards
 from eairl_jax.lanes import shards_for
 from eairl_jax.shards import AXIS, Shards
+
+
+def of_size(num_envs, steps=200):
+    """A configuration of `num_envs` environments and rollouts of `steps` steps."""
+    return Config(num_envs=num_envs, rollout_length=steps, episode_length=steps, ppo_minibatches=1)
 
 
 def on_two_devices(function, *arguments):
@@ -109,7 +114,7 @@ def test_lanes_refuse_an_algorithm_that_needs_more_devices():
 )
 def test_the_devices_of_a_lane_are_of_one_process(monkeypatch, lanes, devices, expected):
     monkeypatch.setattr(processes, "current", lambda: processes.Team([], devices))
-    assert shards_for(lanes, 64) == expected
+    assert shards_for(lanes, of_size(64)) == expected
 
 
 def test_a_process_with_too_few_devices_is_refused(monkeypatch):
@@ -120,7 +125,8 @@ def test_a_process_with_too_few_devices_is_refused(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("lanes", "num_envs", "expected"), [(1, 32, 2), (1, 33, 1), (2, 32, 1), (5, 32, 1), (1, 30, 1)]
+    ("lanes", "num_envs", "steps", "expected"),
+    [(1, 32, 200, 2), (1, 32, 199, 1), (1, 33, 200, 1), (2, 32, 200, 1), (5, 32, 200, 1), (1, 30, 400, 1)],
 )
-def test_a_lane_gets_several_devices_only_if_they_would_be_idle_and_have_enough_to_do(lanes, num_envs, expected):
-    assert shards_for(lanes, num_envs) == expected
+def test_a_lane_gets_several_devices_only_if_they_would_be_idle_and_have_enough_to_do(lanes, num_envs, steps, expected):
+    assert shards_for(lanes, of_size(num_envs, steps)) == expected

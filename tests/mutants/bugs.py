@@ -530,8 +530,8 @@ LIBRARY = bugs_of(
     (
         "lanes-of-other-processes-in-the-wrong-place",
         "blocks.py",
-        "[self._block.call(call, each[0], values), *self._team.answers()]",
-        "[self._block.call(call, each[0], values), *self._team.answers()][::-1]",
+        "[self._own.call(call, each[0], values), *self._team.answers()]",
+        "[self._own.call(call, each[0], values), *self._team.answers()][::-1]",
         "eairl_jax/test_processes.py",
     ),
     (
@@ -668,6 +668,13 @@ PHYSICS = bugs_of(
         "if number in self._simulated:",
         "if True:",
         "envs/test_several.py::test_tasks_that_differ_in_their_rewards_alone_are_simulated_once",
+    ),
+    (
+        "products-of-the-wrong-axes",
+        "physics/runtime_free.py",
+        "return (left * right).sum(axis=tuple(range(-summed, 0)))",
+        "return (left * right).sum(axis=tuple(range(summed)))",
+        "envs/physics/test_runtime_free.py",
     ),
     (
         "actions-without-bounds",

@@ -12,7 +12,7 @@ from eairl_jax.experiments.commands import bench
 @pytest.mark.parametrize("methods", [("gail",), ("eairl", "gail")], ids=["one", "two"])
 def test_bench_measures_methods_in_turns(tmp_path, tiny, monkeypatch, capsys, run, table, methods):
     monkeypatch.setattr(bench, "ROUNDS", 1)
-    monkeypatch.setattr(bench, "shards_for", lambda lanes, num_envs: 2)  # so few environments would have one device
+    monkeypatch.setattr(bench, "shards_for", lambda lanes, config: 2)  # so few environments would have one device
     path = tmp_path / "figures" / "bench.json"
     settings = [a for a in tiny if "eairl" in methods or not a.startswith("empowerment")]
     assert run("bench", "pendulum", "--method", *methods, "--iterations", 2, "--json", path, "--set", *settings) == 0
