@@ -11,7 +11,7 @@ import numpy as np
 
 from eairl_jax.envs.mjx_task import MjxTask, Physics, TaskError, mjx
 from eairl_jax.envs.physics.contact_solver import FloorConstraints, newton
-from eairl_jax.envs.physics.runtime_free import without_runtime
+from eairl_jax.envs.physics.scatter_free import without_scatters
 from eairl_jax.envs.physics.tree_solver import tree_solver
 
 EULER, RK4 = mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_RK4
@@ -108,7 +108,7 @@ class Locomotion(MjxTask):
         return velocity - self.control_cost * jnp.sum(action**2)
 
     def substep(self, physics, ctrl):
-        return without_runtime(self._substep)(physics, ctrl)
+        return without_scatters(self._substep)(physics, ctrl)
 
     def _substep(self, physics: Physics, ctrl: jax.Array) -> Physics:
         if self.model.opt.integrator == RK4:

@@ -670,13 +670,6 @@ PHYSICS = bugs_of(
         "envs/test_several.py::test_tasks_that_differ_in_their_rewards_alone_are_simulated_once",
     ),
     (
-        "products-of-the-wrong-axes",
-        "physics/runtime_free.py",
-        "return (left * right).sum(axis=tuple(range(-summed, 0)))",
-        "return (left * right).sum(axis=tuple(range(summed)))",
-        "envs/physics/test_runtime_free.py",
-    ),
-    (
         "actions-without-bounds",
         "mjx_task.py",
         "return jnp.clip(action, -self.action_limit, self.action_limit)",

@@ -1,12 +1,12 @@
-"""Functions rewritten without scatters and matrix products, so that XLA compiles a loop around them into one kernel.
+"""Functions rewritten without scatters, so that XLA compiles a loop around them into one kernel.
 
-Problem: on a CPU XLA compiles a loop into one kernel only if nothing in the loop calls XLA's runtime. A scatter does,
-and from jaxlib 0.12 on a matrix product does. MJX sums over the children of a body, and inserts into vectors, by
-scatters, and rotates vectors by matrix products. (How large such a loop may be is set by
-`eairl_jax.xla.configure_jax`.) A physics step of many small operations is then one call instead of hundreds.
+Problem: on a CPU XLA compiles a loop into one kernel only if nothing in the loop calls XLA's runtime, and a scatter
+does. MJX sums over the children of a body, and inserts into vectors, by scatters. (How large such a loop may be is set
+by `eairl_jax.experiments.cli.configure_jax`.) A physics step of many small operations is then one call instead of
+hundreds.
 
 Idea: nearly all scatters write to places that do not depend on the arguments. Then it is clear while tracing which
-update each element gets, and a gather does the same. A product of small matrices is a sum of products of numbers.
+update each element gets, and a gather does the same.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from jax.extend import core
 CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
 
 
-def without_runtime(function: Callable) -> Callable:
-    """Returns the same function of pytrees of arrays, without scatters and matrix products.
+def without_scatters(function: Callable) -> Callable:
+    """Returns the same function of pytrees of arrays, with gathers in place of its scatters.
 
     A scatter stays if its indices depend on the arguments.
     """
@@ -85,10 +85,6 @@ def _evaluate(jaxpr: core.ClosedJaxpr, args: list, indices: Iterator[np.ndarray]
             values, is_known = [value for value, _ in inputs], [each for _, each in inputs]
             if _is_static_scatter(eqn, [marks[each] for each in is_known]):
                 return [(_gather(eqn, values, next(indices)), all(is_known))]
-            if eqn.primitive.name == "scan":
-                return [(value, all(is_known)) for value in _bind(eqn, values, jaxpr=_rewritten(eqn.params["jaxpr"]))]
-            if eqn.primitive.name == "dot_general":
-                return [(_sum_of_products(eqn, *values), all(is_known))]
             return [(value, all(is_known)) for value in _bind(eqn, values)]
 
         return _walk(jaxpr, args, equation, lambda constant: (constant, True))
@@ -115,13 +111,8 @@ def _called(eqn) -> core.ClosedJaxpr | None:
     return eqn.params[CALLS[eqn.primitive.name]] if eqn.primitive.name in CALLS else None
 
 
-def _rewritten(body: core.ClosedJaxpr) -> core.ClosedJaxpr:
-    """The body of a loop, without what calls the runtime."""
-    return jax.make_jaxpr(without_runtime(core.jaxpr_as_fun(body)))(*body.in_avals)
-
-
-def _bind(eqn, inputs: list, **changes: Any) -> list:
-    outputs = eqn.primitive.bind(*inputs, **eqn.primitive.get_bind_params(eqn.params | changes))
+def _bind(eqn, inputs: list) -> list:
+    outputs = eqn.primitive.bind(*inputs, **eqn.primitive.get_bind_params(eqn.params))
     return outputs if eqn.primitive.multiple_results else [outputs]
 
 
@@ -131,20 +122,6 @@ def _is_static_scatter(eqn, inputs: list) -> bool:
         return False
     # If operand, indices and updates are all known, the result is a constant, which the compiler moves out of the loop.
     return inputs[1] is not UNKNOWN and any(value is UNKNOWN for value in inputs)
-
-
-def _sum_of_products(eqn, left: jax.Array, right: jax.Array) -> jax.Array:
-    """The output of a `dot_general`: the axes of a batch, then those of the left factor alone, then of the right."""
-    sums, batches = eqn.params["dimension_numbers"]
-    left, right = (
-        jnp.transpose(value, (*batch, *(d for d in range(value.ndim) if d not in (*batch, *summed)), *summed))
-        for value, batch, summed in zip((left, right), batches, sums, strict=True)
-    )
-    batch, summed = len(batches[0]), len(sums[0])
-    own, other = (value.ndim - batch - summed for value in (left, right))
-    left = jnp.expand_dims(left, range(batch + own, batch + own + other))
-    right = jnp.expand_dims(right, range(batch, batch + own))
-    return (left * right).sum(axis=tuple(range(-summed, 0)))
 
 
 def _targets(eqn, indices: np.ndarray) -> np.ndarray:
