@@ -112,22 +112,23 @@ class OwnLanes:
         used = jax.local_devices()[:devices]
         groups = [used] if shards == 1 else [used[i : i + shards] for i in range(0, devices, shards)]
         self._groups, of_lanes = len(groups), len(arrays) if data_per_lane else 1 + hparams
-        split = zip(*(np.split(each, self._groups) for each in arrays[:of_lanes]), strict=True)
         self._blocks = [
             Block([*own, *arrays[of_lanes:]], hparams, group, data_per_lane, shards > 1)
-            for own, group in zip(split, groups, strict=True)
+            for own, group in zip(self._split(arrays[:of_lanes]), groups, strict=True)
         ]
 
     def call(self, name: str, arrays: Arrays, values: dict[str, Any]) -> tuple[dict[str, Any], Arrays]:
         """Calls one of `CALLS` of every block, side by side; returns what the first says, and all their arrays."""
         if name not in self.CALLS:
             raise InputError(f"a block cannot {name!r:.40}")
-        own = [arrays] * self._groups
-        if name in self.OF_LANES:
-            own = [list(each) for each in zip(*(np.split(each, self._groups) for each in arrays), strict=True)]
+        own = self._split(arrays) if name in self.OF_LANES else [arrays] * self._groups
         answers = [getattr(block, name)(each, **values) for block, each in zip(self._blocks, own, strict=True)]
         parts = zip(*(result for _, result in answers), strict=True)
         return answers[0][0], [_joined(part) for part in parts]
+
+    def _split(self, arrays: Arrays) -> list[Arrays]:
+        """The rows of arrays `[lanes, ...]` that each block has."""
+        return [list(each) for each in zip(*(np.split(array, self._groups) for array in arrays), strict=True)]
 
 
 def serve(leader: Peer, asked: Callable[[], int | None] = lambda: None) -> bool:

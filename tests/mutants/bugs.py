@@ -466,8 +466,8 @@ LIBRARY = bugs_of(
     (
         "one-group-gets-all-lanes",
         "blocks.py",
-        "own = [list(each) for each in zip(*(np.split(each, self._groups) for each in arrays), strict=True)]",
-        "own = [[np.split(each, self._groups)[0] for each in arrays]] * self._groups",
+        "return [list(each) for each in zip(*(np.split(array, self._groups) for array in arrays), strict=True)]",
+        "return [[np.split(array, self._groups)[0] for array in arrays]] * self._groups",
         "eairl_jax/test_processes.py::test_processes_of_different_size_compute_what_one_computes_and_the_death_of_process_0_ends_the_others",
     ),
     (

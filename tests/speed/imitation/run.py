@@ -179,7 +179,7 @@ def draw(path: Path, all_jobs: list[Job], results: dict[str, Trained], expert: f
 
 def main(
     python: Annotated[Path, tyro.conf.arg(help="Python of an environment with imitation 1.0.1.")],
-    minutes: Annotated[float, tyro.conf.arg(help="Of each training of imitation.")] = 10.0,
+    minutes: Annotated[float, tyro.conf.arg(help="Of each training of imitation.")] = 8.0,
     folder: Annotated[Path, tyro.conf.arg(help="For runs and logs; must not exist.")] = Path("runs/beside-imitation"),
     out: Annotated[Path, tyro.conf.arg(help="Folder of figure and figures.")] = Path("docs"),
 ) -> None:
